@@ -1,0 +1,1 @@
+//! Camera ingest: frames from a simulated rover or a recorded traverse.

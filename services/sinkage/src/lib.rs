@@ -1,0 +1,1 @@
+//! Visual wheel sinkage: where the soil meets the wheel in a picture.

@@ -1,0 +1,1 @@
+//! Wheel and vibration ingest: from a simulated rover or a recorded traverse.

@@ -1,0 +1,1 @@
+//! Vibration-based terrain classification.

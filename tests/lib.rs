@@ -1,0 +1,1 @@
+//! The tests stand in `main.rs` and its modules.
