@@ -1,1 +1,3 @@
+//! Fusion: the process.
+
 fn main() {}
