@@ -52,9 +52,7 @@ impl Config {
 /// Holds the last word of each stage and joins them, once a cycle.
 #[derive(Clone, Debug)]
 pub struct TerrainFusion {
-    sinkage_age_max_ns: u64,
-    soil_age_max_ns: u64,
-    class_age_max_ns: u64,
+    config: Config,
     sinkage: Option<Sinkage>,
     sinkage_status: Status,
     soil: Option<Soil>,
@@ -66,15 +64,8 @@ impl TerrainFusion {
     /// Knows nothing yet. `config` is a valid one.
     #[must_use]
     pub fn new(config: Config) -> Self {
-        let Config {
-            sinkage_age_max_s,
-            soil_age_max_s,
-            class_age_max_s,
-        } = config;
         Self {
-            sinkage_age_max_ns: (sinkage_age_max_s * 1e9) as u64,
-            soil_age_max_ns: (soil_age_max_s * 1e9) as u64,
-            class_age_max_ns: (class_age_max_s * 1e9) as u64,
+            config,
             sinkage: None,
             sinkage_status: Status::NO_DATA,
             soil: None,
@@ -133,7 +124,7 @@ impl TerrainFusion {
         terrain.entry_sigma_rad = sinkage.entry_sigma_rad;
         terrain.sinkage_age_ns = age_ns(terrain, sinkage.header.taken_ns);
         let known = sinkage.sinkage_m.is_finite() && sinkage.entry_rad.is_finite();
-        if known && terrain.sinkage_age_ns <= self.sinkage_age_max_ns {
+        if known && is_young(terrain.sinkage_age_ns, self.config.sinkage_age_max_s) {
             terrain.valid |= Terrain::SINKAGE;
         }
     }
@@ -151,7 +142,7 @@ impl TerrainFusion {
         terrain.strength_pa = strength.value_pa;
         terrain.strength_sigma_pa = strength.sigma_pa;
         terrain.soil_age_ns = age_ns(terrain, soil.header.taken_ns);
-        if terrain.soil_age_ns > self.soil_age_max_ns {
+        if !is_young(terrain.soil_age_ns, self.config.soil_age_max_s) {
             return;
         }
         let known = soil.cohesion_pa.is_finite() && soil.friction_rad.abs() < std::f64::consts::FRAC_PI_2;
@@ -177,7 +168,7 @@ impl TerrainFusion {
         terrain.class_age_ns = age_ns(terrain, class.start_ns.saturating_add(class.window_ns));
         terrain.unknown = u32::from(!known || class.unknown != 0);
         let decided = class.header.status == Status::OK && terrain.unknown == 0;
-        if decided && terrain.class_age_ns <= self.class_age_max_ns {
+        if decided && is_young(terrain.class_age_ns, self.config.class_age_max_s) {
             terrain.valid |= Terrain::CLASS;
         }
     }
@@ -188,6 +179,10 @@ const ALL: u32 = Terrain::SINKAGE | Terrain::SOIL | Terrain::STRENGTH | Terrain:
 /// Sensor time from `taken_ns` to this cycle's instant.
 fn age_ns(terrain: &Terrain, taken_ns: u64) -> u64 {
     terrain.header.taken_ns.saturating_sub(taken_ns)
+}
+
+fn is_young(age_ns: u64, age_max_s: f64) -> bool {
+    age_ns as f64 <= age_max_s * 1e9
 }
 
 #[cfg(test)]
@@ -278,7 +273,7 @@ mod tests {
 
     #[test]
     fn the_answer_to_any_believable_soil_is_believable() {
-        let extremes = [f64::NAN, 0.0, -1e9, 1e9, 1.5707963, -1.6, 2.0];
+        let extremes = [f64::NAN, 0.0, -1e9, 1e9, 1.57, -1.6, 2.0];
         for cohesion_pa in extremes {
             for friction_rad in extremes {
                 for pressure_pa in extremes {

@@ -39,11 +39,12 @@ pub(crate) fn of(soil: &Soil) -> Strength {
         soil.strength_sigma_pa
     };
     let allowed_pa = DISAGREEMENT_SIGMAS * sigma_pa + DISAGREEMENT_RELATIVE * value_pa.abs();
+    // An estimator that gave no strength of its own contradicts nothing: NaN is not greater.
+    let contradicted = (value_pa - soil.strength_pa).abs() > allowed_pa;
     Strength {
         value_pa,
         sigma_pa,
-        // An estimator that gave no strength of its own contradicts nothing: NaN is not greater.
-        holds: !((value_pa - soil.strength_pa).abs() > allowed_pa),
+        holds: !contradicted,
     }
 }
 
