@@ -1,1 +1,298 @@
-//! Placeholder.
+//! What a service process does around its algorithm: it reads its own table of the system file, opens its wires, waits,
+//! hands samples over, and ends when it is told to.
+//!
+//! ```no_run
+//! # use messages::{Frame, Sinkage};
+//! # struct SinkageTracker; impl SinkageTracker { fn new(_: ()) -> Self { Self } fn step(&mut self, _: &Frame) -> Sinkage { todo!() } }
+//! fn main() -> std::process::ExitCode {
+//!     shell::main(|shell| {
+//!         let mut tracker = SinkageTracker::new(shell.config(|_| Ok(()))?);
+//!         let mut frames = shell.input::<Frame>("frames")?;
+//!         let sinkage = shell.output::<Sinkage>("sinkage")?;
+//!         shell.on_each(&mut frames, &sinkage, |frame| Ok(tracker.step(frame)))
+//!     })
+//! }
+//! ```
+
+mod clock;
+mod error;
+mod input;
+mod output;
+mod process;
+mod system_file;
+mod termination;
+mod wire;
+
+pub use clock::{now_ns, sleep_until};
+pub use error::Error;
+pub use input::{Input, Observation, Tap};
+pub use output::Output;
+pub use process::{bind_to_parent, harden_descriptors};
+pub use system_file::{Mode, Restart, ServiceTable, SystemFile, SystemTable};
+pub use termination::Termination;
+pub use wire::{Domain, HeldWire, Port, Role, SUPERVISION_WIRE};
+
+use clap::Parser;
+use input::Attention;
+use messages::{Header, Message, Status};
+use serde::de::DeserializeOwned;
+use std::process::ExitCode;
+use std::rc::Rc;
+
+/// One service of a Terrasense system. It is started by `terrasense up`, or by hand with the same words.
+#[derive(Debug, Parser)]
+struct Arguments {
+    /// Check the service's configuration and end: exit code 0 where it is right, 78 where it is not.
+    #[arg(long)]
+    check: bool,
+    /// The system file; print one with `terrasense default-system`.
+    #[arg(value_name = "SYSTEM.TOML")]
+    system: String,
+    /// The service's name in it.
+    #[arg(value_name = "SERVICE")]
+    name: String,
+}
+
+/// A service process: what the system file says of it, and its place in shared memory.
+#[derive(Debug)]
+pub struct Shell {
+    system: SystemFile,
+    name: String,
+    check_only: bool,
+    attention: Rc<Attention>,
+    domain: Option<Domain>,
+}
+
+/// Runs a service: parses the command line, and turns the outcome into an exit code.
+pub fn main(service: impl FnOnce(&mut Shell) -> Result<(), Error>) -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            let _ = error.print();
+            return ExitCode::from(if error.use_stderr() { 64 } else { 0 });
+        }
+    };
+    let name = format!("service {}", arguments.name);
+    match Shell::new(arguments).and_then(|mut shell| service(&mut shell)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => error.exit(&name),
+    }
+}
+
+impl Shell {
+    fn new(arguments: Arguments) -> Result<Self, Error> {
+        let system = SystemFile::read(&arguments.system)?;
+        if !system.services.contains_key(&arguments.name) {
+            let known: Vec<&str> = system.services.keys().map(String::as_str).collect();
+            return Err(Error::usage(format!(
+                "{} has no [service.{}]; it has: {}",
+                arguments.system,
+                arguments.name,
+                known.join(", ")
+            )));
+        }
+        let termination = Termination::listen().map_err(|error| Error::internal(error.to_string()))?;
+        let attention = Rc::new(Attention::new(termination));
+        Ok(Self {
+            system,
+            name: arguments.name,
+            check_only: arguments.check,
+            attention,
+            domain: None,
+        })
+    }
+
+    /// This service's `config`, as its own type, checked by `validate`, which returns a key and what is wrong with its
+    /// value.
+    ///
+    /// # Errors
+    /// Names the line of what is unknown, missing, of another type or out of range.
+    pub fn config<C: DeserializeOwned>(
+        &self,
+        validate: impl Fn(&C) -> Result<(), (&'static str, String)>,
+    ) -> Result<C, Error> {
+        self.system.config(&self.name, validate)
+    }
+
+    /// Whether this service writes a port of this name: what a source does not write it need not make.
+    #[must_use]
+    pub fn writes(&self, port: &str) -> bool {
+        self.table().outputs.contains_key(port)
+    }
+
+    /// Opens the wire whose samples trigger this service.
+    ///
+    /// # Errors
+    /// The system file names no wire for the port, the wire is not there, or its samples have another layout.
+    pub fn input<T: Message>(&mut self, port: &str) -> Result<Input<T>, Error> {
+        let wire = self.wire(port, true)?;
+        let attention = self.attention.clone();
+        Input::open(self.domain()?, &wire, attention)
+    }
+
+    /// Opens a wire that this service takes in when it is triggered. A port without a wire observes nothing.
+    ///
+    /// # Errors
+    /// The wire is not there, or its samples have another layout.
+    pub fn observation<T: Message>(&mut self, port: &str) -> Result<Observation<T>, Error> {
+        let wire = self.table().inputs.get(port).map(|wire| wire.get_ref().clone());
+        let attention = self.attention.clone();
+        Observation::open(self.domain()?, wire.as_deref(), attention)
+    }
+
+    /// Opens a wire that this service writes.
+    ///
+    /// # Errors
+    /// The system file names no wire for the port, the wire is not there, or its samples have another layout.
+    pub fn output<T: Message>(&mut self, port: &str) -> Result<Output<T>, Error> {
+        let wire = self.wire(port, false)?;
+        let termination = self.attention.termination.clone();
+        let generation = self.generation();
+        Output::open(self.domain()?, &wire, generation, termination)
+    }
+
+    /// Answers every sample of `input` with exactly one of `output`, until the process is to end or the recording is over.
+    /// Inside, `step` may first take in observations.
+    ///
+    /// # Errors
+    /// A wire is broken, or `step` failed.
+    pub fn on_each<I: Message, O: Message>(
+        &self,
+        input: &mut Input<I>,
+        output: &Output<O>,
+        mut step: impl FnMut(&I) -> Result<O, Error>,
+    ) -> Result<(), Error> {
+        loop {
+            let answer = input.next(|sample| match sample.header().status {
+                Status::ENDED => Err(*sample.header()),
+                _ => Ok(step(sample)),
+            })?;
+            match answer {
+                None => return Ok(()),
+                Some(Ok(sample)) => output.send(sample?)?,
+                Some(Err(last)) => {
+                    output.end(last.taken_ns, last.sequence)?;
+                    // The other wires go on: take them in to their ends, so that their writers can end too.
+                    step(input.substitute(Header {
+                        taken_ns: u64::MAX,
+                        ..last
+                    }))?;
+                    self.until_told();
+                    return Ok(());
+                }
+            }
+        }
+    }
+
+    /// Waits until the process is to end. What it has sent stays readable for as long.
+    pub fn until_told(&self) {
+        while self.running() {
+            sleep_until(now_ns() + 20_000_000);
+        }
+    }
+
+    /// Calls `act` for every tick `k` at `start + k * period`, until the process is to end. Ticks that are over are left out.
+    ///
+    /// # Errors
+    /// `act` failed.
+    pub fn on_tick(&self, period_ns: u64, mut act: impl FnMut(u64, u64) -> Result<(), Error>) -> Result<(), Error> {
+        let period_ns = period_ns.max(1);
+        let started_ns = self.started_ns();
+        let mut next = now_ns().saturating_sub(started_ns) / period_ns + 1;
+        while !self.attention.termination.requested() {
+            let instant_ns = started_ns + next * period_ns;
+            if now_ns() < instant_ns {
+                sleep_until(instant_ns);
+                continue;
+            }
+            act(next, instant_ns)?;
+            next = (next + 1).max(now_ns().saturating_sub(started_ns) / period_ns);
+        }
+        Ok(())
+    }
+
+    /// Whether samples may be overtaken by newer ones.
+    #[must_use]
+    pub fn mode(&self) -> Mode {
+        self.system.system.mode
+    }
+
+    /// Whether the process is to go on.
+    #[must_use]
+    pub fn running(&self) -> bool {
+        !self.attention.termination.requested()
+    }
+
+    /// `CLOCK_MONOTONIC` [ns] at the start of the system: where a simulated rover's time begins.
+    #[must_use]
+    pub fn started_ns(&self) -> u64 {
+        self.birth("started_ns").unwrap_or(0)
+    }
+
+    /// Reads a file that the configuration names.
+    ///
+    /// # Errors
+    /// Names the file that cannot be read.
+    pub fn read(&self, path: &str) -> Result<Vec<u8>, Error> {
+        std::fs::read(path).map_err(|error| Error::data(format!("{path}: {error}")))
+    }
+
+    /// Opens a file that the configuration names, to be read piece by piece. `None` where there is no such file.
+    ///
+    /// # Errors
+    /// Names the file that cannot be read.
+    pub fn open(&self, path: &str) -> Result<Option<std::io::BufReader<std::fs::File>>, Error> {
+        match std::fs::File::open(path) {
+            Ok(file) => Ok(Some(std::io::BufReader::new(file))),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(Error::data(format!("{path}: {error}"))),
+        }
+    }
+
+    fn table(&self) -> &ServiceTable {
+        // `new` has seen that the table is there.
+        &self.system.services[&self.name]
+    }
+
+    fn wire(&self, port: &str, input: bool) -> Result<String, Error> {
+        let (table, word) = if input {
+            (&self.table().inputs, "inputs")
+        } else {
+            (&self.table().outputs, "outputs")
+        };
+        table.get(port).map(|wire| wire.get_ref().clone()).ok_or_else(|| {
+            let line = self.system.service_line(&self.name);
+            Error::config(format!(
+                "{}:{line}: service `{}` needs a wire for its port `{port}`: {word} = {{ {port} = \"…\" }}",
+                self.system.path, self.name
+            ))
+        })
+    }
+
+    /// Enters the system at the first wire: the configuration has been parsed by then.
+    fn domain(&mut self) -> Result<&Domain, Error> {
+        if self.check_only {
+            return Err(Error::checked());
+        }
+        if self.domain.is_none() {
+            self.domain = Some(Domain::enter(&self.system, &self.name)?);
+        }
+        self.domain.as_ref().ok_or_else(|| Error::internal("no domain"))
+    }
+
+    /// How often this service has been started, as the launcher counts.
+    fn generation(&self) -> u32 {
+        self.birth(&format!("{}.generation", self.name))
+            .and_then(|count| u32::try_from(count).ok())
+            .unwrap_or(0)
+    }
+
+    /// A number that the launcher wrote into the system's folder before it started this process.
+    fn birth(&self, file: &str) -> Option<u64> {
+        std::fs::read_to_string(format!("{}/{file}", self.system.root()))
+            .ok()?
+            .trim()
+            .parse()
+            .ok()
+    }
+}

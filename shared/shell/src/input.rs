@@ -1,0 +1,290 @@
+//! Wires that this service reads: the one whose samples trigger it, and those that it observes.
+
+use crate::termination::Termination;
+use crate::wire::Domain;
+use crate::{Error, Mode, now_ns};
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::ipc;
+use messages::{Header, Message, Status};
+use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
+use std::rc::Rc;
+use std::time::Duration;
+
+/// The longest wait for a bell. Bells can be missed (never samples), so every wait ends, and then looks.
+const WAIT_MAX: Duration = Duration::from_millis(20);
+/// The same in a replay, where a wire that is waited for stops others.
+const REPLAY_WAIT_MAX: Duration = Duration::from_millis(2);
+/// A sensor instant further in the future than this [ns] is impossible.
+const FUTURE_MAX_NS: u64 = 1_000_000_000;
+/// Observations that wait for their trigger at the most. A replay's sources run ahead by as much; beyond, they are stopped.
+const OBSERVATIONS_MAX: usize = 1_000_000;
+/// Observations that can wait without memory being asked for.
+const OBSERVATIONS_PREPARED: usize = 1024;
+
+type Sample<T> = iceoryx2::sample::Sample<ipc::Service, T, ()>;
+
+/// A wire that this process reads.
+#[derive(Debug)]
+struct Reader<T: Message> {
+    subscriber: Subscriber<ipc::Service, T, ()>,
+    listener: Listener<ipc::Service>,
+    wire: String,
+    mode: Mode,
+    bad: u64,
+}
+
+impl<T: Message> Reader<T> {
+    fn open(domain: &Domain, wire: &str) -> Result<Self, Error> {
+        let opened = domain.open::<T>(wire)?;
+        let failed = |what: &dyn std::fmt::Debug| Error::unavailable(format!("cannot read wire {wire}: {what:?}"));
+        let subscriber = opened
+            .samples
+            .subscriber_builder()
+            .create()
+            .map_err(|error| failed(&error))?;
+        let listener = opened
+            .bell
+            .listener_builder()
+            .create()
+            .map_err(|error| failed(&error))?;
+        Ok(Self {
+            subscriber,
+            listener,
+            wire: wire.into(),
+            mode: domain.mode(),
+            bad: 0,
+        })
+    }
+
+    fn receive(&self) -> Result<Option<Sample<T>>, Error> {
+        self.subscriber
+            .receive()
+            .map_err(|error| Error::internal(format!("cannot read wire {}: {error:?}", self.wire)))
+    }
+
+    fn wait(&self) -> Result<(), Error> {
+        let longest = if self.mode == Mode::Live {
+            WAIT_MAX
+        } else {
+            REPLAY_WAIT_MAX
+        };
+        let waited = self.listener.timed_wait(|_| (), longest);
+        waited
+            .map(|_| ())
+            .map_err(|error| Error::internal(format!("cannot wait for wire {}: {error:?}", self.wire)))
+    }
+
+    /// Whether the sample can be believed as far as its status goes; the first one that cannot is told of.
+    fn admits(&mut self, sample: &T) -> bool {
+        let verdict = if self.instant_is_possible(sample.header()) {
+            sample.check()
+        } else {
+            Err("impossible instant")
+        };
+        if let Err(why) = verdict {
+            if self.bad.is_power_of_two() || self.bad == 0 {
+                eprintln!("wire {}: bad sample {}: {why}", self.wire, self.bad + 1);
+            }
+            self.bad += 1;
+        }
+        verdict.is_ok()
+    }
+
+    fn instant_is_possible(&self, header: &Header) -> bool {
+        self.mode == Mode::Replay || header.taken_ns <= now_ns() + FUTURE_MAX_NS
+    }
+}
+
+/// What every wait of a service looks at besides the bell it waits for.
+#[derive(Debug)]
+pub(crate) struct Attention {
+    pub(crate) termination: Termination,
+    observed: RefCell<Vec<Rc<dyn Queue>>>,
+}
+
+impl Attention {
+    pub(crate) fn new(termination: Termination) -> Self {
+        Self {
+            termination,
+            observed: RefCell::new(Vec::new()),
+        }
+    }
+
+    /// Takes in what is there on the observed wires. In a replay, where a full queue stops its writer, a stage that waits
+    /// for one wire must keep the others from filling up: writers that wait for each other through it would wait for ever.
+    fn fill(&self) -> Result<(), Error> {
+        self.observed.borrow().iter().try_for_each(|queue| queue.fill())
+    }
+}
+
+/// An observed wire, whatever it carries.
+trait Queue: std::fmt::Debug {
+    /// Takes in what is there, up to [`OBSERVATIONS_MAX`].
+    fn fill(&self) -> Result<(), Error>;
+}
+
+/// The wire whose samples trigger this service.
+#[derive(Debug)]
+pub struct Input<T: Message> {
+    reader: Reader<T>,
+    attention: Rc<Attention>,
+    /// Stands in for a sample that cannot be believed: its header, marked, and zeros.
+    substitute: Box<T>,
+    last: Header,
+}
+
+impl<T: Message> Input<T> {
+    pub(crate) fn open(domain: &Domain, wire: &str, attention: Rc<Attention>) -> Result<Self, Error> {
+        let substitute =
+            T::new_box_zeroed().map_err(|_| Error::internal(format!("no memory for a sample of wire {wire}")))?;
+        Ok(Self {
+            reader: Reader::open(domain, wire)?,
+            attention,
+            substitute,
+            last: Header::default(),
+        })
+    }
+
+    /// Hands the next sample, once it is there, to `act`. A sample that cannot be believed is replaced by one that says
+    /// so (`BAD_SAMPLE`). `None` once the process is to end.
+    pub(crate) fn next<R>(&mut self, act: impl FnOnce(&T) -> R) -> Result<Option<R>, Error> {
+        while !self.attention.termination.requested() {
+            let Some(sample) = self.reader.receive()? else {
+                if self.reader.mode == Mode::Replay {
+                    self.attention.fill()?;
+                }
+                self.reader.wait()?;
+                continue;
+            };
+            let header = *sample.payload().header();
+            if self.reader.admits(&sample) {
+                self.last = header;
+                return Ok(Some(act(&sample)));
+            }
+            let header = if self.reader.instant_is_possible(&header) {
+                header
+            } else {
+                self.last
+            };
+            return Ok(Some(act(self.substitute(Header {
+                status: Status::BAD_SAMPLE,
+                ..header
+            }))));
+        }
+        Ok(None)
+    }
+
+    /// A sample of nothing but a header.
+    pub(crate) fn substitute(&mut self, header: Header) -> &T {
+        *self.substitute.header_mut() = header;
+        &self.substitute
+    }
+}
+
+/// A wire that this service takes in when it is triggered.
+#[derive(Debug)]
+pub struct Observation<T: Message> {
+    queue: Option<Rc<Observed<T>>>,
+    attention: Rc<Attention>,
+}
+
+#[derive(Debug)]
+struct Observed<T: Message> {
+    reader: RefCell<Reader<T>>,
+    pending: RefCell<VecDeque<T>>,
+    ended: Cell<bool>,
+}
+
+impl<T: Message> Queue for Observed<T> {
+    fn fill(&self) -> Result<(), Error> {
+        let (mut reader, mut pending) = (self.reader.borrow_mut(), self.pending.borrow_mut());
+        while pending.len() < OBSERVATIONS_MAX {
+            let Some(sample) = reader.receive()? else { return Ok(()) };
+            if sample.payload().header().status == Status::ENDED {
+                self.ended.set(true);
+            } else if reader.admits(&sample) {
+                // Any bytes of this length are a valid sample.
+                pending.extend(T::read_from_bytes(sample.payload().as_bytes()));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl<T: Message> Observation<T> {
+    pub(crate) fn open(domain: &Domain, wire: Option<&str>, attention: Rc<Attention>) -> Result<Self, Error> {
+        let queue = wire
+            .map(|wire| {
+                let reader = RefCell::new(Reader::open(domain, wire)?);
+                let pending = RefCell::new(VecDeque::with_capacity(OBSERVATIONS_PREPARED));
+                Ok(Rc::new(Observed {
+                    reader,
+                    pending,
+                    ended: Cell::new(false),
+                }))
+            })
+            .transpose()?;
+        attention
+            .observed
+            .borrow_mut()
+            .extend(queue.clone().map(|queue| queue as Rc<dyn Queue>));
+        Ok(Self { queue, attention })
+    }
+
+    /// Hands every sample taken until `taken_ns` that is new to `observe`, in order. On board these are the samples that
+    /// are there; in a replay it waits until a later one shows that there are no more. Samples that cannot be believed
+    /// are left out.
+    ///
+    /// # Errors
+    /// The wire is broken.
+    pub fn until(&self, taken_ns: u64, mut observe: impl FnMut(&T)) -> Result<(), Error> {
+        let Some(queue) = &self.queue else { return Ok(()) };
+        loop {
+            queue.fill()?;
+            let mut pending = queue.pending.borrow_mut();
+            while let Some(sample) = pending.pop_front_if(|sample| sample.header().taken_ns <= taken_ns) {
+                observe(&sample);
+            }
+            let later_is_there = !pending.is_empty();
+            drop(pending);
+            let live = queue.reader.borrow().mode == Mode::Live;
+            if live || later_is_there || queue.ended.get() || self.attention.termination.requested() {
+                return Ok(());
+            }
+            self.attention.fill()?;
+            queue.reader.borrow().wait()?;
+        }
+    }
+}
+
+/// A wire that is read as it comes, without a stage behind it: by the launcher and by tests.
+#[derive(Debug)]
+pub struct Tap<T: Message>(Reader<T>);
+
+impl<T: Message> Tap<T> {
+    /// Opens the wire for reading.
+    ///
+    /// # Errors
+    /// The wire is not there, or its samples have another layout.
+    pub fn open(domain: &Domain, wire: &str) -> Result<Self, Error> {
+        Ok(Self(Reader::open(domain, wire)?))
+    }
+
+    /// Hands the next sample, if there is one, to `act`, whether it can be believed or not.
+    ///
+    /// # Errors
+    /// The wire is broken.
+    pub fn poll<R>(&self, act: impl FnOnce(&T) -> R) -> Result<Option<R>, Error> {
+        Ok(self.0.receive()?.map(|sample| act(&sample)))
+    }
+
+    /// Waits for the bell, 20 ms at the most.
+    ///
+    /// # Errors
+    /// The wire is broken.
+    pub fn wait(&self) -> Result<(), Error> {
+        self.0.wait()
+    }
+}

@@ -1,0 +1,339 @@
+//! A system's wires: each a publish-subscribe service for the samples and an event service of the same name that rings.
+//!
+//! The launcher creates the wires and holds them; services only open them, and insist on the layout's fingerprint.
+//! (A process that is killed while it creates a service would leave it unusable for good.)
+
+use crate::{Error, Mode, SystemFile};
+use iceoryx2::node::Node;
+use iceoryx2::prelude::{AttributeSpecifier, AttributeVerifier, Config, EventId, NodeBuilder, NodeName};
+use iceoryx2::prelude::{CallbackProgression, FileName, SemanticString, ServiceName, SignalHandlingMode, ipc};
+use iceoryx2::service::attribute::AttributeSet;
+use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
+use iceoryx2::service::port_factory::{PortFactory, event, publish_subscribe};
+use messages::{Frame, Message, Sinkage, Soil, Supervision, Terrain, TerrainClass, Vibration, Wheel, difference};
+
+/// The event that a writer rings after each sample.
+pub(crate) const RING: usize = 0;
+/// Readers of a wire at the most.
+const READERS_MAX: usize = 8;
+/// Writers of a wire at the most: one at a time, and those that have died without the launcher having noticed yet.
+const WRITERS_MAX: usize = 4;
+/// Processes that have a wire open at the most.
+const NODES_MAX: usize = 24;
+/// Samples a reader holds at the most: the one it works on, and the next.
+const BORROWED_MAX: usize = 2;
+/// Bytes of one service attribute at the most; a fingerprint is cut into pieces of this length.
+const ATTRIBUTE_BYTES: usize = 240;
+
+/// The wire on which the launcher tells how the process set is doing.
+pub const SUPERVISION_WIRE: &str = "launcher/supervision";
+
+/// What travels through a port of this name, by the catalogue in `messages`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Port {
+    /// [`Frame`]
+    Frames,
+    /// [`Wheel`]
+    Wheel,
+    /// [`Vibration`]
+    Vibration,
+    /// [`Sinkage`]
+    Sinkage,
+    /// [`Soil`]
+    Soil,
+    /// [`TerrainClass`]
+    Class,
+    /// [`Terrain`]
+    Terrain,
+}
+
+impl Port {
+    /// All ports, in the order of the graph.
+    pub const ALL: [Self; 7] = [
+        Self::Frames,
+        Self::Wheel,
+        Self::Vibration,
+        Self::Sinkage,
+        Self::Soil,
+        Self::Class,
+        Self::Terrain,
+    ];
+
+    /// The port's name in a system file.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Frames => "frames",
+            Self::Wheel => "wheel",
+            Self::Vibration => "vibration",
+            Self::Sinkage => "sinkage",
+            Self::Soil => "soil",
+            Self::Class => "class",
+            Self::Terrain => "terrain",
+        }
+    }
+
+    /// The port of this name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|port| port.name() == name)
+    }
+}
+
+type SampleService<T> = publish_subscribe::PortFactory<ipc::Service, T, ()>;
+type BellService = event::PortFactory<ipc::Service>;
+
+/// A wire that this process has open.
+pub(crate) struct Wire<T: Message> {
+    pub(crate) samples: SampleService<T>,
+    pub(crate) bell: BellService,
+}
+
+/// This process's place in a system's shared memory.
+#[derive(Debug)]
+pub struct Domain {
+    node: Node<ipc::Service>,
+    mode: Mode,
+}
+
+impl Domain {
+    /// Enters a system as `name`.
+    ///
+    /// # Errors
+    /// The system's folder cannot be used: another user's, or no space.
+    pub fn enter(system: &SystemFile, name: &str) -> Result<Self, Error> {
+        let config = iceoryx2_config(system)?;
+        let failed = |what: String| Error::unavailable(format!("cannot enter {}: {what}", system.root()));
+        let node_name = NodeName::new(name).map_err(|error| failed(format!("{error:?}")))?;
+        let node = NodeBuilder::new()
+            .name(&node_name)
+            .config(&config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<ipc::Service>()
+            .map_err(|error| failed(format!("{error:?}; does another user run a system of this name?")))?;
+        Ok(Self {
+            node,
+            mode: system.system.mode,
+        })
+    }
+
+    /// Removes what processes that have died left behind. True if something was removed.
+    #[must_use]
+    pub fn clean(&self) -> bool {
+        self.node.try_cleanup_dead_nodes().cleanups > 0
+    }
+
+    pub(crate) fn mode(&self) -> Mode {
+        self.mode
+    }
+
+    /// Creates a wire. The launcher holds the result for as long as the system runs.
+    ///
+    /// # Errors
+    /// A wire of this name is there already, or there is no space.
+    pub fn create(&self, wire: &str, port: Port) -> Result<HeldWire, Error> {
+        match port {
+            Port::Frames => self.create_as::<Frame>(wire, 4),
+            Port::Wheel => self.create_as::<Wheel>(wire, 512),
+            Port::Vibration => self.create_as::<Vibration>(wire, 32),
+            Port::Sinkage => self.create_as::<Sinkage>(wire, 256),
+            Port::Soil => self.create_as::<Soil>(wire, 64),
+            Port::Class => self.create_as::<TerrainClass>(wire, 64),
+            Port::Terrain => self.create_as::<Terrain>(wire, 256),
+        }
+    }
+
+    /// Creates the wire on which the launcher tells how the process set is doing.
+    ///
+    /// # Errors
+    /// As [`Domain::create`].
+    pub fn create_supervision(&self) -> Result<HeldWire, Error> {
+        self.create_as::<Supervision>(SUPERVISION_WIRE, 2)
+    }
+
+    fn create_as<T: Message>(&self, wire: &str, buffer: usize) -> Result<HeldWire, Error> {
+        let failed = |what: &dyn std::fmt::Debug| Error::unavailable(format!("cannot create wire {wire}: {what:?}"));
+        let name: ServiceName = wire.try_into().map_err(|error| failed(&error))?;
+        let mut layout = AttributeSpecifier::new();
+        for (index, piece) in pieces(&T::fingerprint()).enumerate() {
+            let key = format!("layout.{index}");
+            let key = key.as_str().try_into().map_err(|error| failed(&error))?;
+            layout = layout
+                .define(&key, &piece.try_into().map_err(|error| failed(&error))?)
+                .map_err(|e| failed(&e))?;
+        }
+        let samples = self
+            .node
+            .service_builder(&name)
+            .publish_subscribe::<T>()
+            .max_publishers(WRITERS_MAX)
+            .max_subscribers(READERS_MAX)
+            .max_nodes(NODES_MAX)
+            .subscriber_max_buffer_size(buffer)
+            .subscriber_max_borrowed_samples(BORROWED_MAX)
+            .history_size(0)
+            .enable_safe_overflow(self.mode == Mode::Live)
+            .create_with_attributes(&layout)
+            .map_err(|error| failed(&error))?;
+        let bell = self
+            .node
+            .service_builder(&name)
+            .event()
+            .max_listeners(READERS_MAX)
+            .max_notifiers(WRITERS_MAX + 1)
+            .max_nodes(NODES_MAX)
+            .event_id_max_value(RING + 1)
+            .create()
+            .map_err(|error| failed(&error))?;
+        Ok(HeldWire(Box::new(Wire { samples, bell })))
+    }
+
+    /// Opens a wire that the launcher holds.
+    ///
+    /// # Errors
+    /// The wire is not there, or its samples have another layout: then what differs.
+    pub(crate) fn open<T: Message>(&self, wire: &str) -> Result<Wire<T>, Error> {
+        let failed = |what: &dyn std::fmt::Debug| Error::unavailable(format!("cannot open wire {wire}: {what:?}"));
+        let name: ServiceName = wire.try_into().map_err(|error| failed(&error))?;
+        let mut layout = AttributeVerifier::new();
+        let ours = T::fingerprint();
+        for (index, piece) in pieces(&ours).enumerate() {
+            let key = format!("layout.{index}");
+            let key = key.as_str().try_into().map_err(|error| failed(&error))?;
+            layout = layout
+                .require(&key, &piece.try_into().map_err(|error| failed(&error))?)
+                .map_err(|e| failed(&e))?;
+        }
+        let samples = self
+            .node
+            .service_builder(&name)
+            .publish_subscribe::<T>()
+            .open_with_attributes(&layout);
+        let samples = samples.map_err(|error| match error {
+            PublishSubscribeOpenError::DoesNotExist => Error::unavailable(format!(
+                "wire {wire} does not exist: the launcher creates the wires; start it with `terrasense up`"
+            )),
+            PublishSubscribeOpenError::IncompatibleAttributes | PublishSubscribeOpenError::IncompatibleTypes => {
+                let theirs = self.fingerprint_of(&name).unwrap_or_default();
+                Error::unavailable(format!(
+                    "wire {wire} carries another layout than this program knows (- here, + there):\n{}",
+                    difference(&ours, &theirs)
+                ))
+            }
+            other => failed(&other),
+        })?;
+        let bell = self
+            .node
+            .service_builder(&name)
+            .event()
+            .open()
+            .map_err(|error| failed(&error))?;
+        Ok(Wire { samples, bell })
+    }
+
+    fn fingerprint_of(&self, wire: &ServiceName) -> Option<String> {
+        use iceoryx2::service::Service;
+        let mut text = None;
+        ipc::Service::list(self.node.config(), |found| {
+            if found.static_details.name() == wire && found.static_details.attributes().number_of_attributes() > 0 {
+                text = Some(join(found.static_details.attributes()));
+            }
+            CallbackProgression::Continue
+        })
+        .ok()?;
+        text
+    }
+}
+
+/// Which processes have a wire open, and how.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// Reads samples.
+    Reader,
+    /// Writes samples.
+    Writer,
+    /// Waits for the bell.
+    Listener,
+    /// Rings the bell.
+    Ringer,
+}
+
+/// A wire that stays for as long as this value does.
+pub struct HeldWire(Box<dyn Peers>);
+
+impl HeldWire {
+    /// The processes that have the wire open.
+    #[must_use]
+    pub fn peers(&self) -> Vec<(Role, u32)> {
+        self.0.peers()
+    }
+}
+
+trait Peers {
+    fn peers(&self) -> Vec<(Role, u32)>;
+}
+
+impl<T: Message> Peers for Wire<T> {
+    fn peers(&self) -> Vec<(Role, u32)> {
+        let mut peers = Vec::new();
+        let mut add = |role, node: &iceoryx2::identifiers::UniqueNodeId| {
+            let pid = node
+                .pid::<ipc::Service>()
+                .map_or(0, |pid| u32::try_from(pid.value()).unwrap_or(0));
+            peers.push((role, pid));
+            CallbackProgression::Continue
+        };
+        self.samples
+            .dynamic_config()
+            .list_publishers(|details| add(Role::Writer, &details.node_id));
+        self.samples
+            .dynamic_config()
+            .list_subscribers(|details| add(Role::Reader, &details.node_id));
+        self.bell
+            .dynamic_config()
+            .list_listeners(|details| add(Role::Listener, &details.node_id));
+        self.bell
+            .dynamic_config()
+            .list_notifiers(|details| add(Role::Ringer, &details.node_id));
+        peers
+    }
+}
+
+pub(crate) fn ring() -> EventId {
+    EventId::new(RING)
+}
+
+fn iceoryx2_config(system: &SystemFile) -> Result<Config, Error> {
+    let failed = |what: &dyn std::fmt::Debug| {
+        let span = system.system.name.span();
+        system.error_at(
+            span,
+            &format!("`{}` makes no file name: {what:?}", system.system.name.get_ref()),
+        )
+    };
+    let mut config = Config::default();
+    let root = iceoryx2::prelude::Path::new(system.root().as_bytes()).map_err(|error| failed(&error))?;
+    config.global.set_root_path(&root);
+    config.global.prefix = FileName::new(system.prefix().as_bytes()).map_err(|error| failed(&error))?;
+    // The launcher cleans up after the dead, and only the launcher: two cleaners would get in each other's way.
+    config.global.node.cleanup_dead_nodes_on_creation = false;
+    config.global.node.cleanup_dead_nodes_on_destruction = false;
+    config.global.service.cleanup_dead_nodes_on_open = false;
+    Ok(config)
+}
+
+fn pieces(fingerprint: &str) -> impl Iterator<Item = &str> {
+    // A fingerprint is ASCII: every byte begins a character.
+    (0..fingerprint.len())
+        .step_by(ATTRIBUTE_BYTES)
+        .map(|start| &fingerprint[start..fingerprint.len().min(start + ATTRIBUTE_BYTES)])
+}
+
+fn join(attributes: &AttributeSet) -> String {
+    let mut pieces: Vec<_> = attributes
+        .iter()
+        .map(|each| (each.key().to_string(), each.value().to_string()))
+        .collect();
+    pieces.sort();
+    pieces.into_iter().map(|(_, piece)| piece).collect()
+}
