@@ -1,1 +1,16 @@
-//! Vibration-based terrain classification.
+//! Vibration-based terrain classification: log spectra of the vehicle's vibration, told apart by linear discriminants.
+//!
+//! The method is §4 of Iagnemma, Brooks and Dubowsky, "Visual, Tactile, and Vibration-Based Terrain Analysis for
+//! Planetary Rovers", IEEE Aerospace 2004.
+
+pub mod classifier;
+pub mod coupling;
+pub mod decision;
+pub mod discriminant;
+pub mod model;
+pub mod spectrum;
+pub mod train;
+pub mod window;
+
+pub use classifier::{Config, VibrationClassifier};
+pub use model::Model;

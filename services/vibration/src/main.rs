@@ -1,1 +1,2 @@
+//! The vibration service.
 fn main() {}

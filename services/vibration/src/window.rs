@@ -1,0 +1,175 @@
+//! Pieces of vibration collected into windows: gaps, jitter, missing values and faults of the sensor.
+
+/// Missing share of a channel up to which a window is repaired.
+const MISSING_MAX: f64 = 0.05;
+/// Samples at the end of the scale, of a window's, from which a channel counts as saturated.
+const SATURATED_MIN: f64 = 0.04;
+/// Steps of the finest resolution seen that a saturated channel must span: a coarse one often repeats its extremes.
+const SATURATED_STEPS: f64 = 32.0;
+/// How fast the expected instants follow the measured ones.
+const PHASE_GAIN: f64 = 0.1;
+
+/// What can be said of a collected window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quality {
+    /// Complete, or repaired where a few samples were missing.
+    Good,
+    /// More is missing than can be repaired.
+    Incomplete,
+    /// More samples came than fit the rate.
+    WrongRate,
+    /// A channel does not change, or stays at the end of its scale.
+    Faulty,
+}
+
+/// Collects equally spaced samples of several channels.
+pub struct Collector {
+    period_ns: f64,
+    length: usize,
+    /// Channel by channel, `length` values each; NaN where missing.
+    values: Vec<f64>,
+    filled: usize,
+    surplus: usize,
+    start_ns: u64,
+    last_ns: Option<u64>,
+    /// From the last sample's instant to where the next one is expected.
+    ahead_ns: f64,
+}
+
+impl Collector {
+    /// For windows of `length` samples of `channels` channels, one each `period_ns`.
+    #[must_use]
+    pub fn new(channels: usize, length: usize, period_ns: f64) -> Self {
+        Self {
+            period_ns,
+            length,
+            values: vec![f64::NAN; channels * length],
+            filled: 0,
+            surplus: 0,
+            start_ns: 0,
+            last_ns: None,
+            ahead_ns: period_ns,
+        }
+    }
+
+    /// Forgets what has been collected.
+    pub fn clear(&mut self) {
+        self.filled = 0;
+        self.surplus = 0;
+        self.last_ns = None;
+    }
+
+    /// How many places the sample taken at `taken_ns` needs: 1, and 1 more for each one missing before it; 0 where it
+    /// comes too early to be one of its own. Starts a new window after a gap too long to repair, or where time runs
+    /// backwards.
+    pub fn advance(&mut self, taken_ns: u64) -> usize {
+        let Some(last_ns) = self.last_ns.replace(taken_ns) else {
+            self.ahead_ns = self.period_ns;
+            return 1;
+        };
+        let step_ns = taken_ns as f64 - last_ns as f64;
+        let late_ns = step_ns - self.ahead_ns;
+        let skipped = (late_ns / self.period_ns).round();
+        if step_ns <= 0.0 || skipped > MISSING_MAX * self.length as f64 {
+            self.clear();
+            self.last_ns = Some(taken_ns);
+            self.ahead_ns = self.period_ns;
+            return 1;
+        }
+        if skipped < 0.0 {
+            self.surplus += 1;
+            self.ahead_ns -= step_ns;
+            return 0;
+        }
+        let residual_ns = late_ns - skipped * self.period_ns;
+        self.ahead_ns = self.period_ns - (1.0 - PHASE_GAIN) * residual_ns;
+        skipped as usize + 1
+    }
+
+    /// Puts one instant's values, one a channel, in the next place; true when the window is then full.
+    pub fn place(&mut self, taken_ns: u64, value: impl Fn(usize) -> f64) -> bool {
+        if self.filled >= self.length {
+            self.filled = 0;
+            self.surplus = 0;
+        }
+        if self.filled == 0 {
+            self.start_ns = taken_ns;
+        }
+        for (channel, values) in self.values.chunks_exact_mut(self.length).enumerate() {
+            values[self.filled] = value(channel);
+        }
+        self.filled += 1;
+        self.filled == self.length
+    }
+
+    /// Sensor instant of the window's first sample.
+    #[must_use]
+    pub fn start_ns(&self) -> u64 {
+        self.start_ns
+    }
+
+    /// One channel of the full window; empty where there is no such channel.
+    #[must_use]
+    pub fn channel(&self, index: usize) -> &[f64] {
+        self.values.chunks_exact(self.length).nth(index).unwrap_or(&[])
+    }
+
+    /// Fills the missing values of the first `channels` channels of the full window and says what it is worth.
+    pub fn repair(&mut self, channels: usize) -> Quality {
+        let allowed = MISSING_MAX * self.length as f64;
+        if self.surplus as f64 > allowed {
+            return Quality::WrongRate;
+        }
+        let mut quality = Quality::Good;
+        for values in self.values.chunks_exact_mut(self.length).take(channels) {
+            let missing = values.iter().filter(|value| !value.is_finite()).count();
+            if missing as f64 > allowed {
+                return Quality::Incomplete;
+            }
+            interpolate(values);
+            if is_faulty(values) {
+                quality = Quality::Faulty;
+            }
+        }
+        quality
+    }
+}
+
+/// Replaces what is not finite by the line between its neighbours; at the ends, by the nearest value.
+pub fn interpolate(values: &mut [f64]) {
+    let mut known: Option<usize> = None;
+    for index in 0..values.len() {
+        if !values[index].is_finite() {
+            continue;
+        }
+        let from = known.map_or(0, |before| before + 1);
+        let left = known.map_or(values[index], |before| values[before]);
+        let steps = (index + 1 - from) as f64;
+        for gap in from..index {
+            values[gap] = left + (values[index] - left) * (gap + 1 - from) as f64 / steps;
+        }
+        known = Some(index);
+    }
+    if let Some(last) = known {
+        let value = values[last];
+        values[last + 1..].fill(value);
+    }
+}
+
+/// True where a channel is dead, or sits at an end of its scale for more than chance allows.
+#[must_use]
+pub fn is_faulty(values: &[f64]) -> bool {
+    let (mut low, mut high, mut step) = (f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY);
+    for (value, next) in values.iter().zip(values.iter().skip(1).chain(values.last())) {
+        low = low.min(*value);
+        high = high.max(*value);
+        let change = (next - value).abs();
+        step = if change > 0.0 { step.min(change) } else { step };
+    }
+    if values.is_empty() || low >= high || !step.is_finite() {
+        return true;
+    }
+    let at_end = |end: f64| values.iter().filter(|value| **value == end).count();
+    let allowed = (SATURATED_MIN * values.len() as f64).max(3.0);
+    high - low > SATURATED_STEPS * step && at_end(low).max(at_end(high)) as f64 > allowed
+}
