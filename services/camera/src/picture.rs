@@ -1,0 +1,244 @@
+//! A PNG file, as bytes, into a frame: decoded, gray, and cropped to the wheel's surroundings where it is large.
+
+use messages::{Frame, Header, PIXELS_MAX, Status};
+use png::{BitDepth, ColorType, Decoder, DecodingError, Limits, Transformations};
+use std::io::{Cursor, ErrorKind};
+use traverse::FrameRow;
+
+/// Pixels of a PNG file at the most.
+const DECODED_PIXELS_MAX: u64 = 64_000_000;
+/// Pixels of a row or a column of a PNG file at the most.
+const SIDE_PX_MAX: u32 = 65_535;
+/// Memory that the decoder may ask for beside the picture [bytes].
+const DECODER_BYTES_MAX: usize = 64 << 20;
+/// What a crop holds, in wheel radii: aside and below the centre, and above it. The first that fits into a frame is
+/// taken: all of the wheel with its surroundings, then its lower half with them, then its lower half alone.
+const CROPS: [(f64, f64); 3] = [(1.25, 1.25), (1.25, 0.25), (1.05, 0.05)];
+
+/// Decodes pictures; keeps its memory from one to the next.
+#[derive(Debug, Default)]
+pub struct PictureReader {
+    decoded: Vec<u8>,
+}
+
+impl PictureReader {
+    /// Fills the frame, except for what the shell writes into its header, from a row of `frames.csv` and the bytes of
+    /// the PNG file that it names. 16-bit values lose their lower byte, colours become their luminance (Rec. 709), and
+    /// transparency has no meaning.
+    ///
+    /// A picture of more than [`PIXELS_MAX`] pixels is cropped: to the wheel and a quarter of its radius around it, or, where
+    /// that is too large, to its lower half. The pose is that in the cropped picture.
+    ///
+    /// # Errors
+    /// Says what is wrong with the file, and the way out. The frame is then not to be used.
+    pub fn fill(&mut self, row: &FrameRow, png: &[u8], frame: &mut Frame) -> Result<(), String> {
+        let (width, height, channels) = self.decode(png)?;
+        let crop = Crop::around_wheel(row, width, height)?;
+        let stride = width as usize * channels;
+        let left = crop.x_px as usize * channels;
+        let rows = self.decoded.chunks_exact(stride).skip(crop.y_px as usize);
+        let targets = frame.pixels.chunks_exact_mut(crop.width as usize);
+        for (target, source) in targets.take(crop.height as usize).zip(rows) {
+            let source = &source[left..left + target.len() * channels];
+            gray(source, channels, target);
+        }
+        frame.header = Header {
+            taken_ns: row.taken_ns,
+            sequence: row.sequence,
+            status: Status::OK,
+            ..Header::default()
+        };
+        place(row, &crop, frame);
+        Ok(())
+    }
+
+    /// Decodes into `self.decoded`: width, height and bytes of a pixel.
+    fn decode(&mut self, png: &[u8]) -> Result<(u32, u32, usize), String> {
+        let limits = Limits {
+            bytes: DECODER_BYTES_MAX,
+        };
+        let mut decoder = Decoder::new_with_limits(Cursor::new(png), limits);
+        decoder.set_transformations(Transformations::normalize_to_color8());
+        let (width, height) = decoder.read_header_info().map_err(|error| complaint(&error))?.size();
+        if width.max(height) > SIDE_PX_MAX || u64::from(width) * u64::from(height) > DECODED_PIXELS_MAX {
+            return Err(format!(
+                "{width}x{height} px; at most 64 Mpx and {SIDE_PX_MAX} px a side, crop or scale it down"
+            ));
+        }
+        let mut reader = decoder.read_info().map_err(|error| complaint(&error))?;
+        let size = reader.output_buffer_size().unwrap_or(usize::MAX);
+        if size as u64 > DECODED_PIXELS_MAX * 4 {
+            return Err("more than 4 bytes a pixel; save it as 8-bit gray or RGB".into());
+        }
+        self.decoded.clear();
+        self.decoded.resize(size, 0);
+        let decoded = reader
+            .next_frame(&mut self.decoded)
+            .map_err(|error| complaint(&error))?;
+        reader.finish().map_err(|error| complaint(&error))?;
+        let whole = (decoded.width, decoded.height) == (width, height);
+        if !whole || decoded.bit_depth != BitDepth::Eight || decoded.color_type == ColorType::Indexed {
+            return Err("this kind of PNG is not supported; save it as 8-bit gray or RGB".into());
+        }
+        Ok((width, height, decoded.color_type.samples()))
+    }
+}
+
+/// The part of a picture that a frame takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Crop {
+    x_px: u32,
+    y_px: u32,
+    width: u32,
+    height: u32,
+}
+
+impl Crop {
+    fn around_wheel(row: &FrameRow, width: u32, height: u32) -> Result<Self, String> {
+        let fits = |crop: &Self| crop.width as usize * crop.height as usize <= PIXELS_MAX;
+        let whole = Self {
+            x_px: 0,
+            y_px: 0,
+            width,
+            height,
+        };
+        if fits(&whole) {
+            return Ok(whole);
+        }
+        let radius = row.wheel_radius_px;
+        let crops = CROPS.map(|(around, above)| {
+            let (x_px, x_end) = interval(row.center_x_px, around * radius, around * radius, width);
+            let (y_px, y_end) = interval(row.center_y_px, above * radius, around * radius, height);
+            Self {
+                x_px,
+                y_px,
+                width: x_end - x_px,
+                height: y_end - y_px,
+            }
+        });
+        if crops.iter().any(|crop| crop.width == 0 || crop.height == 0) {
+            return Err(format!(
+                "the wheel at ({}, {}) px is outside the picture of {width}x{height} px",
+                row.center_x_px, row.center_y_px
+            ));
+        }
+        crops.into_iter().find(fits).ok_or_else(|| {
+            format!(
+                "the wheel's lower half, {radius} px in radius, takes more than {PIXELS_MAX} px; scale the pictures down \
+                 to a radius of at most 670 px"
+            )
+        })
+    }
+}
+
+/// The pixels from `center - before` to `center + after` that a row or column of `length` pixels has: first, and end.
+fn interval(center: f64, before: f64, after: f64, length: u32) -> (u32, u32) {
+    let clamp = |value: f64| value.clamp(0.0, f64::from(length)) as u32;
+    (clamp((center - before).floor()), clamp((center + after).ceil() + 1.0))
+}
+
+/// Gray values of 8-bit pixels of 1 (gray), 2 (with transparency), 3 (RGB) or 4 channels.
+fn gray(source: &[u8], channels: usize, target: &mut [u8]) {
+    for (target, pixel) in target.iter_mut().zip(source.chunks_exact(channels)) {
+        *target = match *pixel {
+            [red, green, blue, ..] => {
+                // Rec. 709
+                let luminance = 2126 * u32::from(red) + 7152 * u32::from(green) + 722 * u32::from(blue);
+                ((luminance + 5000) / 10_000) as u8
+            }
+            [gray, ..] => gray,
+            [] => 0,
+        };
+    }
+}
+
+/// Writes the size and the wheel's pose, moved into the cropped picture.
+fn place(row: &FrameRow, crop: &Crop, frame: &mut Frame) {
+    let (x_px, y_px) = (f64::from(crop.x_px), f64::from(crop.y_px));
+    (frame.width, frame.height) = (crop.width, crop.height);
+    (frame.crop_x_px, frame.crop_y_px) = (crop.x_px, crop.y_px);
+    frame.center_x_px = row.center_x_px - x_px;
+    frame.center_y_px = row.center_y_px - y_px;
+    frame.rim_radius_px = row.rim_radius_px;
+    frame.wheel_radius_px = row.wheel_radius_px;
+    frame.pitch_rad = row.pitch_rad;
+    frame.homography = match row.homography {
+        // The shift by (-x, -y) after the given homography.
+        Some([a, b, c, d, e, f, g, h, i]) => [
+            a - x_px * g,
+            b - x_px * h,
+            c - x_px * i,
+            d - y_px * g,
+            e - y_px * h,
+            f - y_px * i,
+            g,
+            h,
+            i,
+        ],
+        None => Frame::circle_homography(frame.center_x_px, frame.center_y_px, row.wheel_radius_px, row.pitch_rad),
+    };
+}
+
+/// What the decoder says, in words that lead out of it.
+fn complaint(error: &DecodingError) -> String {
+    match error {
+        DecodingError::IoError(error) if error.kind() == ErrorKind::UnexpectedEof => {
+            "the file is cut off; copy it again from its source".into()
+        }
+        DecodingError::LimitsExceeded => "decoding takes too much memory; save it as 8-bit gray or RGB".into(),
+        _ => format!("not a sound PNG file: {error}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(center_x_px: f64, center_y_px: f64, wheel_radius_px: f64) -> FrameRow {
+        FrameRow {
+            line: 2,
+            sequence: 0,
+            file: "a.png".into(),
+            taken_ns: 0,
+            center_x_px,
+            center_y_px,
+            rim_radius_px: 0.8 * wheel_radius_px,
+            wheel_radius_px,
+            pitch_rad: 0.1,
+            homography: None,
+        }
+    }
+
+    #[test]
+    fn a_crop_holds_the_wheel_its_surroundings_and_never_too_many_pixels() {
+        let crop = Crop::around_wheel(&row(2000.0, 1500.0, 400.0), 4000, 3000).unwrap();
+        assert_eq!((crop.x_px, crop.y_px), (1500, 1000));
+        assert_eq!((crop.width, crop.height), (1001, 1001));
+        let half = Crop::around_wheel(&row(2000.0, 1500.0, 500.0), 4000, 3000).unwrap();
+        assert_eq!((half.x_px, half.y_px, half.width, half.height), (1375, 1375, 1251, 751));
+        let bare = Crop::around_wheel(&row(2000.0, 1500.0, 670.0), 4000, 3000).unwrap();
+        assert_eq!((bare.x_px, bare.width), (1296, 1409));
+        assert!(bare.width as usize * bare.height as usize <= PIXELS_MAX);
+        assert!(Crop::around_wheel(&row(2000.0, 1500.0, 700.0), 4000, 3000).is_err());
+    }
+
+    #[test]
+    fn a_crop_ends_at_the_pictures_edges() {
+        let crop = Crop::around_wheel(&row(10.0, 2990.0, 300.0), 4000, 3000).unwrap();
+        assert_eq!((crop.x_px, crop.width), (0, 386));
+        assert_eq!(crop.y_px + crop.height, 3000);
+        for center in [(-900.0, 1500.0), (9000.0, 1500.0), (2000.0, -1e5), (1e5, 1e5)] {
+            let error = Crop::around_wheel(&row(center.0, center.1, 300.0), 4000, 3000).unwrap_err();
+            assert!(error.contains("outside the picture"), "{error}");
+        }
+    }
+
+    #[test]
+    fn gray_is_the_luminance() {
+        let mut target = [0; 4];
+        gray(&[255, 255, 255, 255, 0, 0, 0, 255, 0, 0, 0, 255], 3, &mut target);
+        assert_eq!(target, [255, 54, 182, 18]);
+        gray(&[7, 0, 9, 1], 2, &mut target[..2]);
+        assert_eq!(target[..2], [7, 9]);
+    }
+}
