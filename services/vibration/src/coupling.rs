@@ -10,17 +10,17 @@ const MARGIN: f64 = 1e-9;
 /// Probability of the first class against the second, for all pairs.
 pub type PairTable = [[f64; CLASSES_MAX]; CLASSES_MAX];
 
-/// Finds the probabilities of the first `classes` classes that agree best with the pairwise ones: those that minimise
-/// the sum over the pairs of (r_ba p_a - r_ab p_b)², where `pairwise[a][b]` = r_ab = 1 - r_ba. The rest stays 0.
+/// Finds the probabilities p of the first `classes` classes that agree best with the pairwise ones r: those that
+/// minimise the sum over all pairs of `(r[b][a] p[a] - r[a][b] p[b])²`, where `r[a][b] = 1 - r[b][a]`. The rest stays 0.
 #[must_use]
 pub fn couple(pairwise: &PairTable, classes: usize) -> [f64; CLASSES_MAX] {
     let classes = classes.min(CLASSES_MAX);
     let r = |a: usize, b: usize| pairwise[a][b].clamp(MARGIN, 1.0 - MARGIN);
     let mut q: PairTable = [[0.0; CLASSES_MAX]; CLASSES_MAX];
-    for a in 0..classes {
+    for (a, row) in q.iter_mut().enumerate().take(classes) {
         for b in (0..classes).filter(|b| *b != a) {
-            q[a][a] += r(b, a).powi(2);
-            q[a][b] = -r(b, a) * r(a, b);
+            row[a] += r(b, a).powi(2);
+            row[b] = -r(b, a) * r(a, b);
         }
     }
     let mut p = [0.0; CLASSES_MAX];

@@ -125,7 +125,7 @@ mod tests {
 
     #[test]
     fn a_line_leaves_nothing() {
-        let window: Vec<f64> = (0..50).map(|i| 3.0 - 0.25 * i as f64).collect();
+        let window: Vec<f64> = (0..50).map(|i| 3.0 - 0.25 * f64::from(i)).collect();
         let mut detrended = vec![1.0; 50];
         detrend(&window, &mut detrended);
         assert!(detrended.iter().all(|x| x.abs() < 1e-12));

@@ -2,10 +2,10 @@
 
 /// Missing share of a channel up to which a window is repaired.
 const MISSING_MAX: f64 = 0.05;
-/// Samples at the end of the scale, of a window's, from which a channel counts as saturated.
-const SATURATED_MIN: f64 = 0.04;
-/// Steps of the finest resolution seen that a saturated channel must span: a coarse one often repeats its extremes.
-const SATURATED_STEPS: f64 = 32.0;
+/// Share of a window's samples at the end of the scale from which a channel may be saturated ...
+const SATURATED_SHARE: f64 = 0.04;
+/// ... where they are this many times the samples at the next value: a sensor of coarse resolution repeats values too.
+const SATURATED_RATIO: f64 = 3.0;
 /// How fast the expected instants follow the measured ones.
 const PHASE_GAIN: f64 = 0.1;
 
@@ -159,17 +159,54 @@ pub fn interpolate(values: &mut [f64]) {
 /// True where a channel is dead, or sits at an end of its scale for more than chance allows.
 #[must_use]
 pub fn is_faulty(values: &[f64]) -> bool {
-    let (mut low, mut high, mut step) = (f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY);
-    for (value, next) in values.iter().zip(values.iter().skip(1).chain(values.last())) {
-        low = low.min(*value);
-        high = high.max(*value);
-        let change = (next - value).abs();
-        step = if change > 0.0 { step.min(change) } else { step };
+    let constant = values.iter().all(|value| *value == values[0]);
+    constant || is_clipped(values, 1.0) || is_clipped(values, -1.0)
+}
+
+/// True where the highest value stands often, and far more often than the one below it; the lowest where `sign` is -1.
+fn is_clipped(values: &[f64], sign: f64) -> bool {
+    let signed = || values.iter().map(|value| sign * value);
+    let highest = |below: f64| {
+        signed()
+            .filter(|value| *value < below)
+            .fold(f64::NEG_INFINITY, f64::max)
+    };
+    let times = |wanted: f64| signed().filter(|value| *value == wanted).count() as f64;
+    let top = highest(f64::INFINITY);
+    let at_top = times(top);
+    at_top > (SATURATED_SHARE * values.len() as f64).max(3.0) && at_top > SATURATED_RATIO * times(highest(top))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clipped_channel_is_faulty_and_a_coarse_one_is_not() {
+        let wave: Vec<f64> = (0..100)
+            .map(|i| (f64::from(i) * 0.37).sin() + (f64::from(i) * 1.1).cos())
+            .collect();
+        assert!(!is_faulty(&wave));
+        let clipped: Vec<f64> = wave.iter().map(|x| x.clamp(-1.2, 1.2)).collect();
+        assert!(is_faulty(&clipped));
+        let coarse: Vec<f64> = wave.iter().map(|x| x.round()).collect();
+        assert!(!is_faulty(&coarse));
+        assert!(is_faulty(&[0.5; 100]) && is_faulty(&[]));
     }
-    if values.is_empty() || low >= high || !step.is_finite() {
-        return true;
+
+    #[test]
+    fn missing_values_lie_on_the_line_between_their_neighbours() {
+        let mut values = [f64::NAN, 1.0, f64::NAN, f64::NAN, 4.0, f64::INFINITY];
+        interpolate(&mut values);
+        assert_eq!(values, [1.0, 1.0, 2.0, 3.0, 4.0, 4.0]);
     }
-    let at_end = |end: f64| values.iter().filter(|value| **value == end).count();
-    let allowed = (SATURATED_MIN * values.len() as f64).max(3.0);
-    high - low > SATURATED_STEPS * step && at_end(low).max(at_end(high)) as f64 > allowed
+
+    #[test]
+    fn a_missing_sample_leaves_its_place_empty() {
+        let mut collector = Collector::new(1, 40, 10.0);
+        let places: Vec<usize> = [100, 110, 130, 139, 151, 152, 160]
+            .map(|t| collector.advance(t))
+            .to_vec();
+        assert_eq!(places, [1, 1, 2, 1, 1, 0, 1]);
+    }
 }

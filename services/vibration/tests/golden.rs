@@ -1,5 +1,7 @@
 //! The paper's pair classifier against values computed by another program from real recordings; see `golden/ORIGIN.md`.
 
+#![allow(clippy::unwrap_used)]
+
 use nalgebra::DMatrix;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
