@@ -1,1 +1,87 @@
-fn main() {}
+//! The `terrasense` command.
+
+mod commands;
+mod doctor;
+mod policy;
+mod process;
+mod record;
+mod replay;
+mod root;
+mod status;
+mod supervisor;
+mod system;
+mod watch;
+
+use clap::{CommandFactory, Parser, Subcommand};
+use shell::Error;
+use std::process::ExitCode;
+
+/// Terrain analysis for planetary rovers: what ground the rover drives on, from what its wheel shows, feels and sounds like.
+///
+/// Separate processes exchange fixed-layout samples over shared memory; this command starts, watches and restarts them.
+#[derive(Debug, Parser)]
+#[command(name = "terrasense", version, after_help = EXIT_CODES)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXIT_CODES: &str = "Exit codes: 0 success, 1 a check found something, 64 usage, 65 input data, 69 not running or in \
+                          the way, 70 internal, 78 configuration.";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+
+    /// Runs a system until it is told to end (SIGTERM, SIGINT).
+    Up(commands::UpArguments),
+    /// Runs the system over a recorded traverse, without loss, and writes one CSV a wire. Two replays give the same bytes.
+    Replay(replay::ReplayArguments),
+    /// Shows how a running system is doing.
+    Status(status::StatusArguments),
+    /// Checks a system file without starting anything.
+    Validate(commands::ValidateArguments),
+    /// Prints the built-in system file, to start one's own from.
+    DefaultSystem,
+    /// Checks the machine: shared memory, limits, programs, leftovers.
+    Doctor(doctor::DoctorArguments),
+    /// Removes what killed launchers left in shared memory. Running systems are not touched.
+    Clean(doctor::CleanArguments),
+    /// Prints a completion script for a shell.
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+}
+
+fn main() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            let _ = error.print();
+            return ExitCode::from(if error.use_stderr() { 64 } else { 0 });
+        }
+    };
+    match run(arguments.command) {
+        Ok(code) => code,
+        Err(error) => error.exit("terrasense"),
+    }
+}
+
+fn run(command: Command) -> Result<ExitCode, Error> {
+    match command {
+        Command::Up(arguments) => commands::up(&arguments),
+        Command::Replay(arguments) => replay::run(&arguments),
+        Command::Status(arguments) => status::run(&arguments),
+        Command::Validate(arguments) => commands::validate(&arguments),
+        Command::DefaultSystem => {
+            print!("{}", commands::DEFAULT_SYSTEM);
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Doctor(arguments) => doctor::run(&arguments),
+        Command::Clean(arguments) => doctor::clean(&arguments),
+        Command::Completions { shell } => {
+            clap_complete::generate(shell, &mut Arguments::command(), "terrasense", &mut std::io::stdout());
+            Ok(ExitCode::SUCCESS)
+        }
+    }
+}

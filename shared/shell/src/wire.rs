@@ -3,14 +3,16 @@
 //! The launcher creates the wires and holds them; services only open them, and insist on the layout's fingerprint.
 //! (A process that is killed while it creates a service would leave it unusable for good.)
 
-use crate::{Error, Mode, SystemFile};
-use iceoryx2::node::Node;
+use crate::{Error, Mode, Output, SystemFile, Tap, Termination};
+use iceoryx2::node::{Node, NodeState, NodeView};
 use iceoryx2::prelude::{AttributeSpecifier, AttributeVerifier, Config, EventId, NodeBuilder, NodeName};
 use iceoryx2::prelude::{CallbackProgression, FileName, SemanticString, ServiceName, SignalHandlingMode, ipc};
 use iceoryx2::service::attribute::AttributeSet;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
 use iceoryx2::service::port_factory::{PortFactory, event, publish_subscribe};
-use messages::{Frame, Message, Sinkage, Soil, Supervision, Terrain, TerrainClass, Vibration, Wheel, difference};
+use messages::{
+    Field, Frame, Header, Message, Sinkage, Soil, Supervision, Terrain, TerrainClass, Vibration, Wheel, difference,
+};
 
 /// The event that a writer rings after each sample.
 pub(crate) const RING: usize = 0;
@@ -73,6 +75,32 @@ impl Port {
         }
     }
 
+    /// Names, types and offsets of the fields of the message that travels through this port.
+    #[must_use]
+    pub const fn fields(self) -> &'static [Field] {
+        match self {
+            Self::Frames => Frame::FIELDS,
+            Self::Wheel => Wheel::FIELDS,
+            Self::Vibration => Vibration::FIELDS,
+            Self::Sinkage => Sinkage::FIELDS,
+            Self::Soil => Soil::FIELDS,
+            Self::Class => TerrainClass::FIELDS,
+            Self::Terrain => Terrain::FIELDS,
+        }
+    }
+
+    /// The input whose samples trigger the stage that writes this port; `None` where the first stage of a chain does.
+    #[must_use]
+    pub const fn trigger(self) -> Option<Self> {
+        match self {
+            Self::Frames | Self::Wheel | Self::Vibration => None,
+            Self::Sinkage => Some(Self::Frames),
+            Self::Soil => Some(Self::Sinkage),
+            Self::Class => Some(Self::Vibration),
+            Self::Terrain => Some(Self::Soil),
+        }
+    }
+
     /// The port of this name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
@@ -121,6 +149,52 @@ impl Domain {
     #[must_use]
     pub fn clean(&self) -> bool {
         self.node.try_cleanup_dead_nodes().cleanups > 0
+    }
+
+    /// The processes that live in a system's shared memory, without entering it.
+    ///
+    /// # Errors
+    /// The system's name makes no file name, or its folder cannot be read.
+    pub fn inhabitants(system: &SystemFile) -> Result<Vec<u32>, Error> {
+        let mut pids = Vec::new();
+        let config = iceoryx2_config(system)?;
+        Node::<ipc::Service>::list(&config, |state| {
+            if let NodeState::Alive(node) = state {
+                pids.extend(
+                    node.id()
+                        .pid::<ipc::Service>()
+                        .ok()
+                        .and_then(|pid| u32::try_from(pid.value()).ok()),
+                );
+            }
+            CallbackProgression::Continue
+        })
+        .map_err(|error| Error::unavailable(format!("cannot read {}: {error:?}", system.root())))?;
+        Ok(pids)
+    }
+
+    /// Opens a wire of the catalogue for reading, whatever it carries.
+    ///
+    /// # Errors
+    /// As [`Tap::open`].
+    pub fn tap(&self, wire: &str, port: Port) -> Result<AnyTap, Error> {
+        Ok(AnyTap(match port {
+            Port::Frames => Box::new(Tap::<Frame>::open(self, wire)?),
+            Port::Wheel => Box::new(Tap::<Wheel>::open(self, wire)?),
+            Port::Vibration => Box::new(Tap::<Vibration>::open(self, wire)?),
+            Port::Sinkage => Box::new(Tap::<Sinkage>::open(self, wire)?),
+            Port::Soil => Box::new(Tap::<Soil>::open(self, wire)?),
+            Port::Class => Box::new(Tap::<TerrainClass>::open(self, wire)?),
+            Port::Terrain => Box::new(Tap::<Terrain>::open(self, wire)?),
+        }))
+    }
+
+    /// Opens the wire on which the launcher tells how the process set is doing, for writing.
+    ///
+    /// # Errors
+    /// The wire is not there.
+    pub fn supervision_output(&self, termination: Termination) -> Result<Output<Supervision>, Error> {
+        Output::open(self, SUPERVISION_WIRE, 1, termination)
     }
 
     pub(crate) fn mode(&self) -> Mode {
@@ -266,6 +340,29 @@ impl HeldWire {
     #[must_use]
     pub fn peers(&self) -> Vec<(Role, u32)> {
         self.0.peers()
+    }
+}
+
+/// A wire that is read as it comes, whatever it carries.
+pub struct AnyTap(Box<dyn Drain>);
+
+impl AnyTap {
+    /// Hands the next sample, if there is one, to `act`: its header and all its bytes.
+    ///
+    /// # Errors
+    /// The wire is broken.
+    pub fn poll(&self, act: &mut dyn FnMut(&Header, &[u8])) -> Result<bool, Error> {
+        self.0.poll_bytes(act)
+    }
+}
+
+trait Drain {
+    fn poll_bytes(&self, act: &mut dyn FnMut(&Header, &[u8])) -> Result<bool, Error>;
+}
+
+impl<T: Message> Drain for Tap<T> {
+    fn poll_bytes(&self, act: &mut dyn FnMut(&Header, &[u8])) -> Result<bool, Error> {
+        Ok(self.poll(|sample| act(sample.header(), sample.as_bytes()))?.is_some())
     }
 }
 

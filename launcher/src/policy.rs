@@ -1,0 +1,153 @@
+//! When a service that has ended is started again. Pure: time is an argument.
+
+use shell::{Restart, ServiceTable};
+use std::collections::VecDeque;
+
+/// The first pause before a restart, after a run that was too short [ns]. It doubles with every further one.
+const PAUSE_FIRST_NS: u64 = 100_000_000;
+/// The longest pause [ns].
+const PAUSE_MAX_NS: u64 = 5_000_000_000;
+const MS_NS: u64 = 1_000_000;
+/// The exit code of a configuration error: starting again cannot mend it.
+const EXIT_CONFIG: i32 = 78;
+
+/// The restart rules of one service, and what they need to remember.
+#[derive(Clone, Debug)]
+pub struct Policy {
+    restart: Restart,
+    intensity: usize,
+    period_ns: u64,
+    minimum_run_ns: u64,
+    /// Instants of the restarts within the last period.
+    restarts: VecDeque<u64>,
+    short_runs: u32,
+}
+
+/// How a service ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// With this exit code.
+    Code(i32),
+    /// By this signal.
+    Signal(i32),
+}
+
+/// What to do with a service that has ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Decision {
+    /// Start it at this instant.
+    RestartAt(u64),
+    /// Leave it, and say why; the others go on.
+    GiveUp(String),
+    /// It has ended as it should.
+    Rest,
+}
+
+impl Policy {
+    /// The rules that a system file gives.
+    #[must_use]
+    pub fn new(table: &ServiceTable) -> Self {
+        Self {
+            restart: table.restart,
+            intensity: *table.intensity.get_ref() as usize,
+            period_ns: table.intensity_period_ms.get_ref() * MS_NS,
+            minimum_run_ns: table.minimum_run_ms.get_ref() * MS_NS,
+            restarts: VecDeque::with_capacity(*table.intensity.get_ref() as usize + 1),
+            short_runs: 0,
+        }
+    }
+
+    /// Decides about a service that started at `started_ns` and ended now.
+    pub fn on_end(&mut self, ending: Ending, started_ns: u64, now_ns: u64) -> Decision {
+        let wanted = match self.restart {
+            Restart::Always => true,
+            Restart::OnFailure => ending != Ending::Code(0),
+            Restart::Never => false,
+        };
+        if ending == Ending::Code(EXIT_CONFIG) {
+            return Decision::GiveUp("its configuration is wrong, which a restart cannot mend".into());
+        }
+        if !wanted {
+            return if ending == Ending::Code(0) {
+                Decision::Rest
+            } else {
+                Decision::GiveUp("it is not to be restarted".into())
+            };
+        }
+        while self.restarts.front().is_some_and(|at| now_ns.saturating_sub(*at) > self.period_ns) {
+            self.restarts.pop_front();
+        }
+        if self.restarts.len() >= self.intensity {
+            let period_s = self.period_ns / (1000 * MS_NS);
+            return Decision::GiveUp(format!("{} restarts within {period_s} s are too many", self.intensity));
+        }
+        self.restarts.push_back(now_ns);
+        // The first crash after a long run is bad luck, and every millisecond counts; a crash loop is slowed.
+        if now_ns.saturating_sub(started_ns) >= self.minimum_run_ns {
+            self.short_runs = 0;
+            return Decision::RestartAt(now_ns);
+        }
+        let pause_ns = PAUSE_FIRST_NS.saturating_mul(1 << self.short_runs.min(16)).min(PAUSE_MAX_NS);
+        self.short_runs += 1;
+        Decision::RestartAt(now_ns + pause_ns)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SECOND: u64 = 1_000_000_000;
+    const KILLED: Ending = Ending::Signal(9);
+
+    fn policy(keys: &str) -> Policy {
+        Policy::new(&toml::from_str::<ServiceTable>(&format!("exec = ['a']\n{keys}")).unwrap())
+    }
+
+    #[test]
+    fn a_service_that_ran_long_enough_is_back_at_once() {
+        assert_eq!(policy("").on_end(KILLED, 0, 2 * SECOND), Decision::RestartAt(2 * SECOND));
+    }
+
+    #[test]
+    fn a_crash_loop_is_slowed() {
+        let mut policy = policy("");
+        let mut now = 0;
+        let mut pauses_ms = Vec::new();
+        for _ in 0..5 {
+            let Decision::RestartAt(at) = policy.on_end(KILLED, now, now + 1) else { panic!() };
+            pauses_ms.push((at - now) / MS_NS);
+            now = at;
+        }
+        assert_eq!(pauses_ms, [100, 200, 400, 800, 1600]);
+    }
+
+    #[test]
+    fn too_many_restarts_within_the_period_are_the_last() {
+        let mut policy = policy("intensity = 2\nintensity_period_ms = 10000\nminimum_run_ms = 0");
+        assert_eq!(policy.on_end(KILLED, 0, SECOND), Decision::RestartAt(SECOND));
+        assert_eq!(policy.on_end(KILLED, 0, 2 * SECOND), Decision::RestartAt(2 * SECOND));
+        assert!(matches!(policy.on_end(KILLED, 0, 3 * SECOND), Decision::GiveUp(_)));
+    }
+
+    #[test]
+    fn restarts_longer_ago_than_the_period_do_not_count() {
+        let mut policy = policy("intensity = 1\nintensity_period_ms = 10000\nminimum_run_ms = 0");
+        assert_eq!(policy.on_end(KILLED, 0, SECOND), Decision::RestartAt(SECOND));
+        assert_eq!(policy.on_end(KILLED, 0, 12 * SECOND), Decision::RestartAt(12 * SECOND));
+    }
+
+    #[test]
+    fn a_configuration_error_is_not_tried_again() {
+        assert!(matches!(policy("").on_end(Ending::Code(78), 0, 9 * SECOND), Decision::GiveUp(_)));
+    }
+
+    #[test]
+    fn the_restart_rule_decides_about_a_clean_end() {
+        let clean = Ending::Code(0);
+        assert_eq!(policy("restart = 'on_failure'").on_end(clean, 0, 9 * SECOND), Decision::Rest);
+        assert_eq!(policy("restart = 'never'").on_end(clean, 0, 9 * SECOND), Decision::Rest);
+        assert_eq!(policy("").on_end(clean, 0, 9 * SECOND), Decision::RestartAt(9 * SECOND));
+        assert!(matches!(policy("restart = 'never'").on_end(KILLED, 0, 9 * SECOND), Decision::GiveUp(_)));
+    }
+}

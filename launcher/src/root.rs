@@ -1,0 +1,183 @@
+//! A system's place on the tmpfs: whose it is, what starts there, and nothing left behind.
+
+use rustix::fs::{FlockOperation, flock};
+use shell::{Domain, Error, SystemFile, now_ns, sleep_until};
+use std::fs::File;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+
+const SHARED_MEMORY: &str = "/dev/shm";
+const NAME: &str = "terrasense-";
+/// How long to wait for the processes of a killed launcher to be gone [ns].
+const VACATE_MAX_NS: u64 = 2_000_000_000;
+
+/// The right to run a system of this name, and its folder. Dropping it leaves nothing behind.
+#[derive(Debug)]
+pub struct Root {
+    folder: PathBuf,
+    prefix: String,
+    lock_path: PathBuf,
+    _lock: File,
+}
+
+impl Root {
+    /// Takes the system's folder, after wiping what a killed launcher left there.
+    ///
+    /// # Errors
+    /// A system of this name runs, or processes of it do, or the folder is another user's.
+    pub fn take(system: &SystemFile) -> Result<Self, Error> {
+        let name = system.system.name.get_ref();
+        let lock_path = lock_path(name);
+        let Some(lock) = try_lock(&lock_path)? else {
+            return Err(Error::unavailable(format!(
+                "a system `{name}` runs already; see it with `terrasense status --name {name}`, or give this one another \
+                 name: [system] name = \"…\""
+            )));
+        };
+        let root = Self { folder: system.root().into(), prefix: system.prefix(), lock_path, _lock: lock };
+        if root.folder.exists() {
+            root.vacated(system)?;
+        }
+        wipe(&root.folder, &root.prefix);
+        let failed = |error| Error::unavailable(format!("cannot make {}: {error}", root.folder.display()));
+        std::fs::DirBuilder::new().mode(0o700).create(&root.folder).map_err(failed)?;
+        root.write("started_ns", &now_ns().to_string())?;
+        Ok(root)
+    }
+
+    /// Writes a small file into the folder and returns its path.
+    ///
+    /// # Errors
+    /// There is no space.
+    pub fn write(&self, file: &str, text: &str) -> Result<String, Error> {
+        let path = self.folder.join(file);
+        std::fs::write(&path, text).map_err(|error| Error::unavailable(format!("{}: {error}", path.display())))?;
+        Ok(path.display().to_string())
+    }
+
+    /// Waits until no process lives in the folder: those of a killed launcher are dying.
+    fn vacated(&self, system: &SystemFile) -> Result<(), Error> {
+        let last_ns = now_ns() + VACATE_MAX_NS;
+        loop {
+            let pids = Domain::inhabitants(system).unwrap_or_default();
+            if pids.is_empty() {
+                return Ok(());
+            }
+            if now_ns() > last_ns {
+                let list = pids.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
+                return Err(Error::unavailable(format!(
+                    "processes of an earlier run still use {}; end them: kill {list}",
+                    self.folder.display()
+                )));
+            }
+            sleep_until(now_ns() + 10_000_000);
+        }
+    }
+}
+
+impl Drop for Root {
+    fn drop(&mut self) {
+        wipe(&self.folder, &self.prefix);
+        let _ = std::fs::remove_file(&self.lock_path);
+    }
+}
+
+/// A system of which something is in shared memory.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Trace {
+    /// The system's name.
+    pub name: String,
+    /// Whether its launcher runs.
+    pub runs: bool,
+    /// Its files in shared memory.
+    pub files: usize,
+}
+
+/// Every system of this user of which something is in shared memory.
+#[must_use]
+pub fn traces() -> Vec<Trace> {
+    let mut names: Vec<String> = own_entries()
+        .iter()
+        .filter_map(|entry| {
+            let rest = entry.file_name()?.to_str()?.strip_prefix(NAME)?;
+            Some(rest.split(['-', '.']).next()?.to_owned())
+        })
+        .collect();
+    names.sort();
+    names.dedup();
+    names
+        .into_iter()
+        .map(|name| Trace { runs: runs(&name), files: entries_of(&name).len(), name })
+        .collect()
+}
+
+/// Whether the launcher of a system runs.
+#[must_use]
+pub fn runs(name: &str) -> bool {
+    lock_path(name).exists() && File::open(lock_path(name)).is_ok_and(|file| {
+        flock(&file, FlockOperation::NonBlockingLockShared).is_err()
+    })
+}
+
+/// Removes what a killed launcher left; false where the system runs.
+///
+/// # Errors
+/// The lock cannot be taken.
+pub fn clean(name: &str) -> Result<bool, Error> {
+    let path = lock_path(name);
+    let Some(_lock) = try_lock(&path)? else { return Ok(false) };
+    wipe(&Path::new(SHARED_MEMORY).join(format!("{NAME}{name}")), &format!("{NAME}{name}-"));
+    let _ = std::fs::remove_file(path);
+    Ok(true)
+}
+
+fn lock_path(name: &str) -> PathBuf {
+    Path::new(SHARED_MEMORY).join(format!("{NAME}{name}.lock"))
+}
+
+/// The lock, `None` where another process holds it.
+fn try_lock(path: &Path) -> Result<Option<File>, Error> {
+    let failed = |error: std::io::Error| Error::unavailable(format!("{}: {error}", path.display()));
+    loop {
+        let file = std::fs::OpenOptions::new()
+            .create(true)
+            .truncate(false)
+            .write(true)
+            .mode(0o600)
+            .open(path)
+            .map_err(failed)?;
+        if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+            return Ok(None);
+        }
+        // The last holder may have removed the file between our opening and our locking it.
+        let same = |there: std::fs::Metadata| file.metadata().is_ok_and(|here| here.ino() == there.ino());
+        if std::fs::metadata(path).is_ok_and(same) {
+            return Ok(Some(file));
+        }
+    }
+}
+
+fn own_entries() -> Vec<PathBuf> {
+    let uid = rustix::process::geteuid().as_raw();
+    let entries = std::fs::read_dir(SHARED_MEMORY).into_iter().flatten();
+    entries
+        .filter_map(Result::ok)
+        .filter(|entry| entry.metadata().is_ok_and(|about| about.uid() == uid))
+        .map(|entry| entry.path())
+        .collect()
+}
+
+fn entries_of(name: &str) -> Vec<PathBuf> {
+    let (whole, prefix) = (format!("{NAME}{name}"), format!("{NAME}{name}-"));
+    let belongs = |file: &str| file == whole || file.starts_with(&prefix);
+    own_entries().into_iter().filter(|path| path.file_name().and_then(|file| file.to_str()).is_some_and(belongs)).collect()
+}
+
+fn wipe(folder: &Path, prefix: &str) {
+    let _ = std::fs::remove_dir_all(folder);
+    for path in own_entries() {
+        if path.file_name().and_then(|file| file.to_str()).is_some_and(|file| file.starts_with(prefix)) {
+            let _ = std::fs::remove_file(path);
+        }
+    }
+}
