@@ -1,6 +1,6 @@
 """A sinkage service in Python: shows that any program can take the place of a service.
 
-In the system file: exec = ["python3", "tests/peers/sinkage.py"]. Needs Python 3.11 and `pip install iceoryx2==0.10.0`.
+In the system file: exec = ["python3", "tests/peers/sinkage.py"]. Needs Python 3.11 and `pip install -r requirements.txt`.
 
 It finds the soil line as the paper does: the mean brightness of each row of the annulus between rim and outer edge, each
 half of the wheel on its own, smoothed; the interface is where it changes most.
