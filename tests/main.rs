@@ -1,4 +1,10 @@
 //! All integration tests: one binary.
 
 mod architecture;
+mod hostile;
 mod layout;
+mod recording;
+mod refusal;
+mod replay;
+mod rover;
+mod supervision;

@@ -1,6 +1,7 @@
 //! The `terrasense` command.
 
 mod commands;
+mod demo;
 mod doctor;
 mod policy;
 mod process;
@@ -31,6 +32,8 @@ const EXIT_CODES: &str = "Exit codes: 0 success, 1 a check found something, 64 u
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Runs the whole system on a simulated rover for a while, in a live table against the truth.
+    Demo(demo::DemoArguments),
 
     /// Runs a system until it is told to end (SIGTERM, SIGINT).
     Up(commands::UpArguments),
@@ -69,6 +72,7 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> Result<ExitCode, Error> {
     match command {
+        Command::Demo(arguments) => demo::run(&arguments),
         Command::Up(arguments) => commands::up(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Status(arguments) => status::run(&arguments),

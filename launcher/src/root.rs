@@ -17,6 +17,8 @@ pub struct Root {
     folder: PathBuf,
     prefix: String,
     lock_path: PathBuf,
+    /// `CLOCK_MONOTONIC` [ns] at the start of the system.
+    pub started_ns: u64,
     _lock: File,
 }
 
@@ -34,14 +36,15 @@ impl Root {
                  name: [system] name = \"…\""
             )));
         };
-        let root = Self { folder: system.root().into(), prefix: system.prefix(), lock_path, _lock: lock };
+        let (folder, prefix) = (system.root().into(), system.prefix());
+        let root = Self { folder, prefix, lock_path, started_ns: now_ns(), _lock: lock };
         if root.folder.exists() {
             root.vacated(system)?;
         }
         wipe(&root.folder, &root.prefix);
         let failed = |error| Error::unavailable(format!("cannot make {}: {error}", root.folder.display()));
         std::fs::DirBuilder::new().mode(0o700).create(&root.folder).map_err(failed)?;
-        root.write("started_ns", &now_ns().to_string())?;
+        root.write("started_ns", &root.started_ns.to_string())?;
         Ok(root)
     }
 

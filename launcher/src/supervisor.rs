@@ -6,7 +6,7 @@ use crate::root::Root;
 use crate::system::System;
 use crate::watch::Watch;
 use messages::{Header, ServiceState, Status, Supervision, label};
-use shell::{AnyTap, Domain, Error, HeldWire, Mode, Output, Port, Role, Termination, now_ns, sleep_until};
+use shell::{AnyTap, Domain, Error, HeldWire, Mode, Output, Port, Role, SUPERVISION_WIRE, Termination, now_ns, sleep_until};
 use std::collections::BTreeMap;
 use zerocopy::FromZeros;
 
@@ -98,7 +98,7 @@ impl Supervisor {
             wires.insert(name.clone(), WatchedWire { port: wire.port, tap, watch: Watch::default(), held });
         }
         let supervision = domain.create_supervision()?;
-        let report = domain.supervision_output(termination.clone())?;
+        let report = domain.output(SUPERVISION_WIRE, termination.clone())?;
         let services = system.file.services.iter().map(|(name, table)| {
             let service = Service {
                 state: ServiceState::STOPPED,
@@ -187,6 +187,12 @@ impl Supervisor {
     #[must_use]
     pub fn system(&self) -> &System {
         &self.system
+    }
+
+    /// `CLOCK_MONOTONIC` [ns] at the start of the system: where a simulated rover's time begins.
+    #[must_use]
+    pub fn started_ns(&self) -> u64 {
+        self.root.started_ns
     }
 
     /// The services, by name.

@@ -189,12 +189,12 @@ impl Domain {
         }))
     }
 
-    /// Opens the wire on which the launcher tells how the process set is doing, for writing.
+    /// Opens a wire for writing, outside of a service: for the launcher's own wire, and for tests and benches.
     ///
     /// # Errors
-    /// The wire is not there.
-    pub fn supervision_output(&self, termination: Termination) -> Result<Output<Supervision>, Error> {
-        Output::open(self, SUPERVISION_WIRE, 1, termination)
+    /// The wire is not there, or its samples have another layout.
+    pub fn output<T: Message>(&self, wire: &str, termination: Termination) -> Result<Output<T>, Error> {
+        Output::open(self, wire, 1, termination)
     }
 
     pub(crate) fn mode(&self) -> Mode {

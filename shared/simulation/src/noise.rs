@@ -1,0 +1,63 @@
+//! Randomness without a state: the same (seed, stream, index) always gives the same number.
+
+/// What a random number is for: numbers of different streams have nothing to do with each other.
+#[derive(Clone, Copy, Debug)]
+#[repr(u64)]
+pub(crate) enum Stream {
+    Load = 1,
+    Torque,
+    Angular,
+    Linear,
+    VibrationPhase,
+    VibrationLevel,
+    VibrationFloor,
+}
+
+/// Uniform in 0..1, never 0.
+pub(crate) fn uniform(seed: u64, stream: Stream, index: u64) -> f64 {
+    let bits = mix(mix(seed ^ (stream as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15)) ^ index);
+    ((bits >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
+}
+
+/// Normal, of mean 0 and variance 1 (Box and Muller).
+pub(crate) fn normal(seed: u64, stream: Stream, index: u64) -> f64 {
+    let radius = (-2.0 * uniform(seed, stream, index.wrapping_mul(2)).ln()).sqrt();
+    let turn = uniform(seed, stream, index.wrapping_mul(2).wrapping_add(1));
+    radius * (std::f64::consts::TAU * turn).cos()
+}
+
+/// The finalizer of SplitMix64 (Steele, Lea, Flood 2014): every bit of the input reaches every bit of the output.
+fn mix(value: u64) -> u64 {
+    let value = value.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let value = (value ^ value >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let value = (value ^ value >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    value ^ value >> 31
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn normal_numbers_have_mean_0_and_variance_1() {
+        let count = 100_000;
+        let numbers: Vec<f64> = (0..count).map(|index| normal(7, Stream::Load, index)).collect();
+        let mean = numbers.iter().sum::<f64>() / count as f64;
+        let variance = numbers.iter().map(|number| number * number).sum::<f64>() / count as f64;
+        // Four standard errors of each.
+        assert!(
+            mean.abs() < 0.013 && (variance - 1.0).abs() < 0.018,
+            "{mean} {variance}"
+        );
+    }
+
+    #[test]
+    fn neighbouring_numbers_and_streams_are_not_correlated() {
+        let count = 100_000;
+        let product =
+            |a: fn(u64) -> f64, b: fn(u64) -> f64| (0..count).map(|i| a(i) * b(i)).sum::<f64>() / count as f64;
+        assert!(product(|i| normal(7, Stream::Load, i), |i| normal(7, Stream::Load, i + 1)).abs() < 0.013);
+        assert!(product(|i| normal(7, Stream::Load, i), |i| normal(7, Stream::Torque, i)).abs() < 0.013);
+        assert!(product(|i| normal(7, Stream::Load, i), |i| normal(8, Stream::Load, i)).abs() < 0.013);
+    }
+}

@@ -1,0 +1,63 @@
+//! A recorded traverse gives the same bytes, however often and however busy the machine is.
+
+use crate::recording::Traverse;
+use crate::rover::contents;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+fn column(text: &str, name: &str) -> Vec<String> {
+    let mut lines = text.lines();
+    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let index = names.iter().position(|other| *other == name).unwrap_or_else(|| panic!("no {name} in {names:?}"));
+    lines.map(|line| line.split(',').nth(index).unwrap().to_owned()).collect()
+}
+
+#[test]
+fn two_replays_give_the_same_bytes_also_on_a_busy_machine() {
+    let traverse = Traverse::with_pictures(4);
+    let (code, text) = traverse.replay("first");
+    assert_eq!(code, 0, "{text}");
+    let over = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| while !over.load(Ordering::Relaxed) { std::hint::spin_loop(); });
+        }
+        let (code, text) = traverse.replay("second");
+        over.store(true, Ordering::Relaxed);
+        assert_eq!(code, 0, "{text}");
+    });
+    let (first, second) = (contents(&traverse.path("first")), contents(&traverse.path("second")));
+    let names: Vec<&String> = first.iter().map(|(name, _)| name).collect();
+    assert_eq!(names, ["class.csv", "frames.csv", "sinkage.csv", "soil.csv", "terrain.csv", "vibration.csv", "wheel.csv"]);
+    for ((name, first), (_, second)) in first.iter().zip(&second) {
+        assert!(first == second, "{name} differs");
+        assert!(first.len() > 200, "{name} is empty");
+    }
+}
+
+#[test]
+fn no_sample_is_lost_and_every_cycle_has_one_of_each() {
+    let traverse = Traverse::without_pictures();
+    let (code, text) = traverse.replay("out");
+    assert_eq!(code, 0, "{text}");
+    let read = |name: &str| std::fs::read_to_string(traverse.path("out").join(name)).unwrap();
+    let cycles: Vec<String> = (0..200).map(|cycle| cycle.to_string()).collect();
+    for name in ["sinkage.csv", "soil.csv", "terrain.csv"] {
+        let rows: Vec<String> = column(&read(name), "sequence");
+        let states = column(&read(name), "status");
+        let measured: Vec<String> =
+            rows.into_iter().zip(states).filter(|(_, status)| status != "no_data").map(|(row, _)| row).collect();
+        assert!(measured.len() >= cycles.len(), "{name}: {} of {}", measured.len(), cycles.len());
+    }
+    assert_eq!(column(&read("wheel.csv"), "status").iter().filter(|status| *status == "ok").count(), 1000);
+}
+
+#[test]
+fn a_traverse_of_one_part_starts_only_the_services_that_it_feeds() {
+    let traverse = Traverse::without_pictures();
+    traverse.remove("wheel.csv");
+    traverse.remove("sinkage.csv");
+    let (code, text) = traverse.replay("out");
+    assert_eq!(code, 0, "{text}");
+    let names: Vec<String> = contents(&traverse.path("out")).into_iter().map(|(name, _)| name).collect();
+    assert_eq!(names, ["class.csv", "vibration.csv"]);
+}

@@ -1,0 +1,93 @@
+//! Services die, hang and come back; the others never stop, and nothing is left behind.
+
+use crate::rover::{Rover, lives, pid, signal, wait_until};
+use rustix::process::Signal;
+
+const SERVICES: [&str; 6] = ["camera", "telemetry", "sinkage", "terramechanics", "vibration", "terrain"];
+
+#[test]
+fn a_killed_service_is_back_and_the_others_never_stop() {
+    let mut rover = Rover::new(|text| text);
+    rover.up();
+    for victim in SERVICES {
+        let before = rover.rows();
+        let old = pid(&rover.row(victim));
+        signal(old, Signal::KILL);
+        let after = rover.until(&format!("{victim} is back"), |rows| {
+            rows.iter().any(|row| row["service"] == victim && row["state"] == "running" && pid(row) != old)
+        });
+        for (before, after) in before.iter().zip(&after).filter(|(row, _)| row["service"] != victim) {
+            assert_eq!(before["pid"], after["pid"], "{victim} took another one with it: {}", rover.log());
+        }
+    }
+    let cycles = rover.row("terrain")["published"].as_u64();
+    rover.until("cycles go on", |rows| {
+        rows.iter().any(|row| row["service"] == "terrain" && row["published"].as_u64() > cycles)
+    });
+    assert_eq!(rover.down(), Some(0), "{}", rover.log());
+    assert_eq!(rover.traces(), [""; 0]);
+}
+
+#[test]
+fn nothing_survives_a_killed_launcher_and_the_next_start_works() {
+    let mut rover = Rover::new(|text| text);
+    rover.up();
+    let pids = rover.pids();
+    assert_eq!(pids.len(), SERVICES.len());
+    let mut launcher = rover.launcher.take().unwrap();
+    signal(launcher.id(), Signal::KILL);
+    launcher.wait().unwrap();
+    wait_until("no orphan", || !pids.iter().any(|pid| lives(*pid)));
+    rover.up();
+    assert_eq!(rover.down(), Some(0), "{}", rover.log());
+    assert_eq!(rover.traces(), [""; 0]);
+}
+
+#[test]
+fn a_stopped_service_is_noticed_by_its_silence_and_replaced() {
+    let mut rover = Rover::new(|text| text);
+    rover.up();
+    for victim in ["sinkage", "telemetry"] {
+        let old = pid(&rover.row(victim));
+        signal(old, Signal::STOP);
+        rover.until(&format!("{victim} is replaced"), |rows| {
+            rows.iter().any(|row| row["service"] == victim && row["state"] == "running" && pid(row) != old)
+        });
+        assert!(rover.log().contains(&format!("{victim}: has been silent on ")), "{}", rover.log());
+    }
+}
+
+#[test]
+fn a_service_that_keeps_dying_is_given_up_and_the_rest_goes_on() {
+    let mut rover = Rover::new(|text| {
+        text.replace("exec = [\"terrasense-vibration\"]", "exec = [\"sh\", \"-c\", \"exit 3\"]\nintensity = 2")
+    });
+    rover.start();
+    let rows = rover.until("given up, and cycles", |rows| {
+        let given_up = rows.iter().any(|row| row["service"] == "vibration" && row["state"] == "given_up");
+        given_up && rows.iter().any(|row| row["service"] == "terrain" && row["published"].as_u64() > Some(10))
+    });
+    let others = rows.iter().filter(|row| row["service"] != "vibration");
+    others.for_each(|row| assert_eq!((&row["state"], &row["restarts"]), (&"running".into(), &0.into()), "{row}"));
+    assert!(rover.log().contains("vibration: ended with code 3; given up: 2 restarts within 10 s"), "{}", rover.log());
+}
+
+#[test]
+fn a_service_that_never_opens_its_wires_is_ended() {
+    let mut rover = Rover::new(|text| {
+        let asleep = "exec = [\"sleep\", \"1000\", \"#\"]\nstart_timeout_ms = 100\nintensity = 1";
+        text.replace("exec = [\"terrasense-terrain\"]", asleep)
+    });
+    rover.start();
+    rover.until("given up", |rows| rows.iter().any(|row| row["service"] == "terrain" && row["state"] == "given_up"));
+}
+
+#[test]
+fn a_second_launcher_of_the_same_system_is_refused() {
+    let mut rover = Rover::new(|text| text);
+    rover.up();
+    let (code, text) = crate::rover::told(&["up", &rover.file()]);
+    assert_eq!(code, 69, "{text}");
+    assert!(text.contains("runs already"), "{text}");
+    assert_eq!(rover.row("camera")["restarts"], 0);
+}
