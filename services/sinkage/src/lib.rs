@@ -1,1 +1,153 @@
 //! Visual wheel sinkage: where the soil meets the wheel in a picture.
+//!
+//! The method is §2 of Iagnemma, Brooks and Dubowsky, "Visual, Tactile, and Vibration-Based Terrain Analysis for
+//! Planetary Rovers", IEEE Aerospace 2004: along the rim, on either side of straight down, the soil begins at the row
+//! at which the mean intensity changes the most.
+
+pub mod interface;
+pub mod rim;
+pub mod rows;
+
+use interface::Interface;
+use messages::{Frame, Sinkage, Status};
+use rim::Rim;
+use rows::Side;
+use serde::Deserialize;
+
+/// Share of a side's pixels that must be in the picture.
+const SHARE_MIN: f64 = 0.75;
+/// Confidence below which an answer is a guess.
+const CONFIDENCE_MIN: f64 = 0.8;
+
+/// Measures the sinkage in one picture after the other.
+#[derive(Clone, Debug)]
+pub struct SinkageTracker {
+    config: Config,
+    sides: [Side; 2],
+}
+
+impl SinkageTracker {
+    /// A tracker of a valid `config`.
+    #[must_use]
+    pub fn new(config: Config) -> Self {
+        Self {
+            config,
+            sides: [Side::EMPTY; 2],
+        }
+    }
+
+    /// The sinkage that `frame` shows: a side that cannot be seen is NaN, and so is all else where it is the entry.
+    pub fn step(&mut self, frame: &Frame) -> Sinkage {
+        match self.interfaces(frame) {
+            Ok([left, right]) => self.sinkage(frame, left, right),
+            Err(status) => Sinkage::unknown(frame.header.answer(status)),
+        }
+    }
+
+    /// Left and right interface of the frame, or why there is none.
+    fn interfaces(&mut self, frame: &Frame) -> Result<[Option<Interface>; 2], Status> {
+        let image = frame.image();
+        if !frame.header.status.is_answer() || image.is_empty() {
+            return Err(Status::INPUT_REJECTED);
+        }
+        // A foreign writer can change the size at any time: only the pixels' number is relied on.
+        let width = (frame.width as usize).clamp(1, image.len());
+        let rim = Rim::locate(frame, width, image.len() / width)?;
+        rows::accumulate(image, width, &rim, &mut self.sides);
+        Ok(self.sides.each_ref().map(|side| {
+            let visible = side.pixels() >= SHARE_MIN * rim.side_px;
+            match self.config.method {
+                Method::LargestChange => Interface::find(side).filter(|_| visible),
+            }
+        }))
+    }
+
+    fn sinkage(&self, frame: &Frame, left: Option<Interface>, right: Option<Interface>) -> Sinkage {
+        let (entry, exit) = match self.config.rolls {
+            Rolls::Right => (right, left),
+            Rolls::Left => (left, right),
+        };
+        let status = match (entry, exit) {
+            (None, _) => Status::NOT_VISIBLE,
+            (Some(entry), Some(exit)) if entry.confidence.min(exit.confidence) >= CONFIDENCE_MIN => Status::OK,
+            (Some(_), _) => Status::UNCERTAIN,
+        };
+        let mut sinkage = Sinkage::unknown(frame.header.answer(status));
+        (sinkage.left_rad, sinkage.left_sigma_rad) = angle(left);
+        (sinkage.right_rad, sinkage.right_sigma_rad) = angle(right);
+        (sinkage.entry_rad, sinkage.entry_sigma_rad) = angle(entry);
+        let (behind_rad, behind_sigma_rad) = angle(exit);
+        (sinkage.exit_rad, sinkage.exit_sigma_rad) = (-behind_rad, behind_sigma_rad);
+        if let Some(entry) = entry {
+            sinkage.sinkage_m = self.config.radius_m * (1.0 - entry.cosine); // z = r (1 - cos θ1)
+            sinkage.sinkage_sigma_m = self.config.radius_m * entry.sigma;
+            sinkage.confidence = exit.map_or(entry.confidence, |exit| entry.confidence.min(exit.confidence));
+        }
+        sinkage
+    }
+}
+
+/// Angle from straight down at which an interface meets the outer circle, and its standard deviation.
+fn angle(interface: Option<Interface>) -> (f64, f64) {
+    interface.map_or((f64::NAN, f64::NAN), |Interface { cosine, sigma, .. }| {
+        let cosine = cosine.clamp(0.0, 1.0);
+        // d cos θ = -sin θ dθ; at the lowest point, where sin θ is 0, cos θ = 1 - θ²/2 bounds it.
+        (cosine.acos(), sigma / (1.0 - cosine * cosine + 2.0 * sigma).sqrt())
+    })
+}
+
+/// The wheel, and the method.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Config {
+    /// Radius of the wheel's outer edge.
+    pub radius_m: f64,
+    /// The side of the picture to which the wheel rolls.
+    pub rolls: Rolls,
+    /// How the interface is found.
+    pub method: Method,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            radius_m: 0.15,
+            rolls: Rolls::Right,
+            method: Method::LargestChange,
+        }
+    }
+}
+
+impl Config {
+    /// Checks what the types alone do not.
+    ///
+    /// # Errors
+    /// The key that is wrong, and what would be right.
+    pub fn validate(&self) -> Result<(), (&'static str, String)> {
+        if self.radius_m > 0.0 && self.radius_m <= 10.0 {
+            return Ok(());
+        }
+        Err((
+            "radius_m",
+            format!("must be above 0 and at most 10, is {}", self.radius_m),
+        ))
+    }
+}
+
+/// The side of the picture to which the wheel rolls: there the soil is entered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Rolls {
+    /// To the right.
+    Right,
+    /// To the left.
+    Left,
+}
+
+/// How the interface is found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// The paper's: the row of the largest change of filtered intensity.
+    LargestChange,
+}
