@@ -21,6 +21,8 @@ use serde::Deserialize;
 
 /// How far behind the wheel the soil is seen to reach, as a share of the entry angle: the rut's edge.
 const RUT_SHARE: f64 = 0.45;
+/// Times beyond this [s], some 30 years, are taken for it; those before the start, and NaN, for the start.
+const TIME_MAX_S: f64 = 1e9;
 
 /// A simulated rover and its route.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
@@ -149,6 +151,7 @@ impl Rover {
     /// The truth at a time [s] from the start.
     #[must_use]
     pub fn state(&self, time_s: f64) -> State {
+        let time_s = on_mission(time_s);
         let drive = route::drive(self.config.route_s, time_s);
         let contact = self.wheel.contact(&SOILS[drive.soil], drive.load_n, drive.slip);
         let angular_velocity_rad_s = route::ANGULAR_VELOCITY_RAD_S;
@@ -170,6 +173,7 @@ impl Rover {
     /// What the wheel's sensors read. The header is left for the caller.
     #[must_use]
     pub fn wheel(&self, time_s: f64) -> Wheel {
+        let time_s = on_mission(time_s);
         let state = self.state(time_s);
         let tick = (time_s * 1e5).round() as u64;
         let noise = |stream| self.config.noise * normal(self.config.seed, stream, tick);
@@ -187,6 +191,7 @@ impl Rover {
     /// What the inertial unit reads: one sample of each of [`CHANNELS`].
     #[must_use]
     pub fn vibration(&self, time_s: f64) -> [f32; 7] {
+        let time_s = on_mission(time_s);
         let drive = route::drive(self.config.route_s, time_s);
         let speed_m_s = self.config.radius_m * route::ANGULAR_VELOCITY_RAD_S * (1.0 - drive.slip);
         vibration::sample(
@@ -200,6 +205,7 @@ impl Rover {
 
     /// Draws what the camera sees, in place. The header is left for the caller.
     pub fn render(&self, time_s: f64, frame: &mut Frame) {
+        let time_s = on_mission(time_s);
         let state = self.state(time_s);
         let soil = &SOILS[state.soil];
         let scene = Scene {
@@ -208,7 +214,7 @@ impl Rover {
             right_rad: state.entry_rad,
             pitch_rad: state.pitch_rad,
             wheel_angle_rad: state.angular_velocity_rad_s * time_s,
-            travelled_m: self.config.radius_m * route::ANGULAR_VELOCITY_RAD_S * 0.66 * time_s,
+            travelled_m: self.config.radius_m * route::rolled_rad(time_s),
             radius_m: self.config.radius_m,
             soil_brightness: soil.brightness,
             soil_grain: soil.grain,
@@ -233,4 +239,8 @@ impl Rover {
     pub fn shear_modulus_m(&self) -> f64 {
         SOILS[0].shear_modulus_m
     }
+}
+
+fn on_mission(time_s: f64) -> f64 {
+    if time_s > 0.0 { time_s.min(TIME_MAX_S) } else { 0.0 }
 }

@@ -26,7 +26,7 @@ pub(crate) fn normal(seed: u64, stream: Stream, index: u64) -> f64 {
     radius * (std::f64::consts::TAU * turn).cos()
 }
 
-/// The finalizer of SplitMix64 (Steele, Lea, Flood 2014): every bit of the input reaches every bit of the output.
+/// The finalizer of `SplitMix64` (Steele, Lea, Flood 2014): every bit of the input reaches every bit of the output.
 fn mix(value: u64) -> u64 {
     let value = value.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let value = (value ^ value >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -42,7 +42,7 @@ pub(crate) fn sample(seed: u64, soil: &Soil, speed_m_s: f64, noise: f64, time_s:
         // Two blocks overlap, with weights whose squares add up to one: the level stays.
         let now = tones(seed, soil, channel as u64, block as u64, time_s) * fade.cos();
         let next = tones(seed, soil, channel as u64, block as u64 + 1, time_s) * fade.sin();
-        let floor = noise * FLOORS[channel] * normal(seed + channel as u64, Stream::VibrationFloor, tick);
+        let floor = noise * FLOORS[channel] * normal(seed, Stream::VibrationFloor, 8 * tick + channel as u64);
         let rest = if channel == 2 { GRAVITY_M_S2 } else { 0.0 };
         channels[channel] = (rest + gain * level * (now + next) + floor) as f32;
     }

@@ -1,6 +1,8 @@
 //! The forward model against values that were computed independently of it.
 
+use messages::{Frame, Message};
 use simulation::{Config, Rover, SOILS, Soil, WheelModel};
+use zerocopy::{FromZeros, IntoBytes};
 
 fn relative(value: f64, truth: f64) -> f64 {
     ((value - truth) / truth).abs()
@@ -84,4 +86,39 @@ fn soils_differ_in_the_level_of_their_vibration() {
     };
     let levels = [level(0.3), level(7.0), level(13.7)];
     assert!(levels[1] < 0.8 * levels[0] && levels[0] < 0.8 * levels[2], "{levels:?}");
+}
+
+#[test]
+fn the_same_seed_and_time_give_the_same_picture_in_any_order_and_over_any_older_one() {
+    let (first, second) = (Rover::new(Config::default()), Rover::new(Config::default()));
+    let mut frame = Frame::new_box_zeroed().unwrap();
+    let times = [0.0, 0.1, 7.3, 0.1, 19.9];
+    let mut forward = Vec::new();
+    for time in times {
+        first.render(time, &mut frame);
+        forward.push((frame.image().to_vec(), frame.homography.map(f64::to_bits)));
+    }
+    frame.as_mut_bytes().fill(0xa5);
+    for (time, expected) in times.iter().zip(&forward).rev() {
+        second.render(*time, &mut frame);
+        assert!(frame.image() == expected.0 && frame.homography.map(f64::to_bits) == expected.1);
+    }
+    assert!(forward[1].0 != forward[2].0 && forward[1] == forward[3]);
+}
+
+#[test]
+fn no_time_and_no_seed_panics_or_makes_an_impossible_sample() {
+    let mut frame = Frame::new_box_zeroed().unwrap();
+    for seed in [0, 1, u64::MAX] {
+        let rover = Rover::new(Config {
+            seed,
+            ..Config::default()
+        });
+        for time_s in [f64::NAN, f64::NEG_INFINITY, -5.0, 0.0, 1e9, 1e300, f64::INFINITY] {
+            rover.render(time_s, &mut frame);
+            assert_eq!(frame.check(), Ok(()));
+            assert_eq!(rover.wheel(time_s).check(), Ok(()));
+            assert!(rover.vibration(time_s).iter().all(|value| value.is_finite()));
+        }
+    }
 }
