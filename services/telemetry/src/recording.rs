@@ -8,18 +8,9 @@ use messages::{CHANNELS_MAX, Header, SAMPLES_MAX, Sinkage, Status, Vibration, Wh
 use traverse::{FrameRows, GAP_MAX_S, Input, InputError, Traverse};
 use zerocopy::FromZeros;
 
-/// The wires, in the order in which samples of one instant are sent.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Wire {
-    Wheel,
-    Sinkage,
-    Vibration,
-}
-
-const WIRES: [Wire; 3] = [Wire::Wheel, Wire::Sinkage, Wire::Vibration];
-
-/// Longest silence of each wire; then a sample says that there were no data. Readers wait for observations by these,
-/// so that a sensor's pause does not stop them. Sinkage is no one's observation but a trigger, and its gaps stay.
+/// Longest silence on the wires of wheel, sinkage and vibration. Then a sample says that there were no data: readers wait
+/// for observations until a later sample is there, so that a sensor's pause does not stop them. Sinkage is no one's
+/// observation but a trigger, and its pauses stay.
 const SILENCE_MAX_NS: [u64; 3] = [100_000_000, u64::MAX, PIECE_NS];
 /// Samples of other wires, at the most, between two samples of one.
 const RUN_MAX: u32 = 255;
@@ -27,6 +18,8 @@ const RUN_MAX: u32 = 255;
 /// The open files of a traverse folder; those that are `None` are not there.
 #[derive(Default)]
 pub struct Files {
+    /// `traverse.toml`
+    pub description: Option<Input>,
     /// `frames.csv`: the traverse lasts until its last frame, and no clock of another file may be far from its.
     pub frames: Option<Input>,
     /// `wheel.csv`
@@ -39,23 +32,33 @@ pub struct Files {
     pub sound: Option<Input>,
 }
 
-/// A recorded traverse, file by file open, read as it is asked for.
-pub struct Recording {
-    wheel: Option<Ahead<WheelRows, Wheel>>,
-    sinkage: Option<Ahead<SinkageRows, Sinkage>>,
-    vibration: Option<Ahead<VibrationRows, Instant>>,
-    pieces: Pieces,
-    pulses: [Pulse; 3],
-    now_ns: u64,
-    end_ns: u64,
+impl Files {
+    /// Opens the files of a folder by their names; of the sensors', those whose wire is wanted.
+    ///
+    /// # Errors
+    /// Those of `open`.
+    pub fn open<E>(wanted: impl Fn(&str) -> bool, open: impl Fn(&str) -> Result<Option<Input>, E>) -> Result<Self, E> {
+        let sensor = |port: &str, file: &str| if wanted(port) { open(file) } else { Ok(None) };
+        Ok(Self {
+            description: open("traverse.toml")?,
+            frames: open("frames.csv")?,
+            wheel: sensor("wheel", "wheel.csv")?,
+            sinkage: sensor("sinkage", "sinkage.csv")?,
+            vibration: sensor("vibration", "vibration.csv")?,
+            sound: sensor("vibration", "vibration.wav")?,
+        })
+    }
 }
 
-/// How long a wire has been silent.
-#[derive(Clone, Copy, Debug)]
-struct Pulse {
-    last_ns: u64,
-    /// Samples of the other wires since.
-    others: u32,
+/// A recorded traverse, file by file open, read as it is asked for.
+pub struct Recording {
+    /// Those of wheel, sinkage and vibration that are there, in this order.
+    sensors: Vec<Sensor>,
+    pieces: Pieces,
+    now_ns: u64,
+    end_ns: u64,
+    /// Wires that have been told that the recording is over.
+    ended: usize,
 }
 
 impl Recording {
@@ -63,193 +66,229 @@ impl Recording {
     ///
     /// # Errors
     /// Where a file is not what it must be, or its clock is another one than the other files'.
-    pub fn new(folder: &str, traverse: &Traverse, files: Files) -> Result<Self, InputError> {
+    pub fn open(folder: &str, files: Files) -> Result<Self, InputError> {
         let path = |name: &str| format!("{folder}/{name}");
         if files.vibration.is_some() && files.sound.is_some() {
             let what = "there is also a vibration.csv; keep one of the two";
             return Err(InputError::new(&path("vibration.wav"), 0, what));
         }
+        let traverse = Traverse::read(&path("traverse.toml"), files.description)?;
+        let (mut pieces, mut sensors) = (Pieces::new(), Vec::new());
+        if let Some(input) = files.wheel {
+            let file = path("wheel.csv");
+            sensors.push(Sensor::new(Rows::Wheel(WheelRows::open(&file, input)?), file)?);
+        }
+        if let Some(input) = files.sinkage {
+            let file = path("sinkage.csv");
+            sensors.push(Sensor::new(
+                Rows::Sinkage(SinkageRows::open(&file, input, &traverse)?),
+                file,
+            )?);
+        }
+        for (file, input) in [("vibration.csv", files.vibration), ("vibration.wav", files.sound)] {
+            let (Some(input), file) = (input, path(file)) else {
+                continue;
+            };
+            let rows = VibrationRows::open(&file, input, &traverse)?;
+            pieces.describe(&rows);
+            sensors.push(Sensor::new(Rows::Vibration(rows), file)?);
+        }
         let frames = files
             .frames
             .map(|input| span_ns(&path("frames.csv"), input))
             .transpose()?;
-        let wheel = files.wheel.map(|input| WheelRows::open(&path("wheel.csv"), input));
-        let wheel = Ahead::new(wheel.transpose()?, WheelRows::next_row)?;
-        let sinkage = files
-            .sinkage
-            .map(|input| SinkageRows::open(&path("sinkage.csv"), input, traverse));
-        let sinkage = Ahead::new(sinkage.transpose()?, SinkageRows::next_row)?;
-        let vibration = match (files.vibration, files.sound) {
-            (Some(input), _) => Some(VibrationRows::open_table(&path("vibration.csv"), input)?),
-            (None, Some(input)) => Some(VibrationRows::open_sound(&path("vibration.wav"), input, traverse)?),
-            (None, None) => None,
-        };
-        let pieces = Pieces::new(vibration.as_ref());
-        let vibration = Ahead::new(vibration, VibrationRows::next_row)?;
-        let starts = [
-            ("frames.csv", frames.map(|(first_ns, _)| first_ns)),
-            (
-                "wheel.csv",
-                wheel.as_ref().and_then(|rows| rows.next.map(|row| row.header.taken_ns)),
-            ),
-            (
-                "sinkage.csv",
-                sinkage
-                    .as_ref()
-                    .and_then(|rows| rows.next.map(|row| row.header.taken_ns)),
-            ),
-            (
-                "vibration",
-                vibration.as_ref().and_then(|rows| rows.next.map(|row| row.taken_ns)),
-            ),
-        ];
-        let begin_ns = begin_ns(folder, &starts)?;
+        let begin_ns = begin_ns(&sensors, frames.map(|(first_ns, _)| (first_ns, path("frames.csv"))))?;
+        sensors.iter_mut().for_each(|sensor| sensor.last_ns = begin_ns);
         Ok(Self {
-            wheel,
-            sinkage,
-            vibration,
+            sensors,
             pieces,
-            pulses: [Pulse {
-                last_ns: begin_ns,
-                others: 0,
-            }; 3],
             now_ns: begin_ns,
             end_ns: frames.map_or(begin_ns, |(_, last_ns)| last_ns),
+            ended: 0,
         })
     }
 
-    /// The next sample of any wire; `None` at the end of the traverse, which is the last instant of any file.
+    /// The next sample of any wire. The traverse ends with the last instant of any file; then each wire, also one without a
+    /// file, gets a sample that says so (`ENDED`), and `None` follows.
     ///
     /// # Errors
     /// Where a row is not what it must be.
     pub fn next_event(&mut self) -> Result<Option<Event<'_>>, InputError> {
         self.pieces.reopen();
-        let event = loop {
+        loop {
             let head = self.earliest();
             let until_ns = head.map_or(self.end_ns.max(self.now_ns), |(taken_ns, _)| taken_ns);
-            if let Some((due_ns, wire)) = self.overdue(until_ns) {
-                break Some((due_ns, wire, None));
+            if let Some((due_ns, index)) = self.overdue(until_ns) {
+                return Ok(Some(self.end_interval(due_ns, index)));
             }
             self.now_ns = until_ns;
-            match head {
-                Some((taken_ns, Wire::Vibration)) => {
-                    // A sample fills the piece; only a full piece is sent.
-                    if let Some(instant) = take(&mut self.vibration)? {
-                        self.pieces.push(&instant);
-                    }
-                    if self.pieces.is_full() {
-                        break Some((taken_ns, Wire::Vibration, None));
-                    }
+            let Some((taken_ns, index)) = head else {
+                return Ok(self.end());
+            };
+            match self.sensors[index].take()? {
+                Some(Row::Wheel(sample)) => {
+                    self.note(taken_ns, index);
+                    return Ok(Some(Event::Wheel(sample)));
                 }
-                Some((taken_ns, Wire::Wheel)) => {
-                    let row = take(&mut self.wheel)?.map(Event::Wheel);
-                    break Some((taken_ns, Wire::Wheel, row));
+                Some(Row::Sinkage(sample)) => {
+                    self.note(taken_ns, index);
+                    return Ok(Some(Event::Sinkage(sample)));
                 }
-                Some((taken_ns, Wire::Sinkage)) => {
-                    let row = take(&mut self.sinkage)?.map(Event::Sinkage);
-                    break Some((taken_ns, Wire::Sinkage, row));
-                }
-                None if self.pieces.has_samples() => break Some((until_ns, Wire::Vibration, None)),
-                None => break None,
+                Some(Row::Vibration(instant)) => self.pieces.push(&instant),
+                None => (),
             }
-        };
-        Ok(event.map(|(taken_ns, wire, row)| self.send(taken_ns, wire, row)))
-    }
-
-    /// The row that comes next, over all files.
-    fn earliest(&self) -> Option<(u64, Wire)> {
-        let heads = [
-            self.wheel
-                .as_ref()
-                .and_then(|rows| rows.next.map(|row| row.header.taken_ns)),
-            self.sinkage
-                .as_ref()
-                .and_then(|rows| rows.next.map(|row| row.header.taken_ns)),
-            self.vibration
-                .as_ref()
-                .and_then(|rows| rows.next.map(|row| row.taken_ns)),
-        ];
-        let heads = heads
-            .into_iter()
-            .zip(WIRES)
-            .filter_map(|(head, wire)| Some((head?, wire)));
-        heads.min_by_key(|(taken_ns, _)| *taken_ns)
-    }
-
-    /// The wire that must send something before the instant, and when.
-    fn overdue(&self, until_ns: u64) -> Option<(u64, Wire)> {
-        let has_file = [self.wheel.is_some(), self.sinkage.is_some(), self.vibration.is_some()];
-        let due = |wire: Wire| {
-            let pulse = self.pulses[wire as usize];
-            let silent_ns = pulse.last_ns.saturating_add(SILENCE_MAX_NS[wire as usize]);
-            // The piece up to an instant leaves before the sample of that instant: that one begins the next piece.
-            let silent = silent_ns < until_ns || (silent_ns == until_ns && wire == Wire::Vibration);
-            match (has_file[wire as usize], silent) {
-                (false, _) => None,
-                (true, true) => Some((silent_ns, wire)),
-                (true, false) => (pulse.others >= RUN_MAX).then_some((self.now_ns, wire)),
+            if self.pieces.is_full() {
+                return Ok(Some(self.end_interval(taken_ns, index)));
             }
-        };
-        WIRES.into_iter().filter_map(due).min_by_key(|(due_ns, _)| *due_ns)
-    }
-
-    /// Makes the event of a row, of a full piece or of a silence, and notes that the wire has spoken.
-    fn send(&mut self, taken_ns: u64, wire: Wire, row: Option<Event<'static>>) -> Event<'_> {
-        for pulse in &mut self.pulses {
-            pulse.others = pulse.others.saturating_add(1);
         }
-        let pulse = Pulse {
-            last_ns: taken_ns,
-            others: 0,
+    }
+
+    /// The sensor whose row comes next, and when.
+    fn earliest(&self) -> Option<(u64, usize)> {
+        let heads = self.sensors.iter().enumerate();
+        let heads = heads.filter_map(|(index, sensor)| Some((sensor.next.as_ref()?.taken_ns(), index)));
+        heads.min()
+    }
+
+    /// The sensor whose wire must carry something before the instant, and when.
+    fn overdue(&self, until_ns: u64) -> Option<(u64, usize)> {
+        let due = |(index, sensor): (usize, &Sensor)| {
+            let wire = sensor.rows.wire();
+            let silent_ns = sensor.last_ns.saturating_add(SILENCE_MAX_NS[wire]);
+            // The piece up to an instant leaves before the sample of that instant: that one begins the next piece.
+            let is_silent = silent_ns < until_ns || (silent_ns == until_ns && wire == VIBRATION);
+            let is_behind = sensor.others >= RUN_MAX;
+            is_silent
+                .then_some((silent_ns, index))
+                .or(is_behind.then_some((self.now_ns, index)))
         };
-        let since_ns = std::mem::replace(&mut self.pulses[wire as usize], pulse).last_ns;
-        self.now_ns = taken_ns;
-        // The number of a silence is that of the row that it waits for.
-        let silence = |rows: Option<u64>| Header {
+        self.sensors.iter().enumerate().filter_map(due).min()
+    }
+
+    /// The sample of an interval, which is no row: a piece of vibration, or one that says that there were no data.
+    fn end_interval(&mut self, taken_ns: u64, index: usize) -> Event<'_> {
+        let since_ns = self.sensors[index].last_ns;
+        self.note(taken_ns, index);
+        let sensor = &self.sensors[index];
+        let silence = Header {
             taken_ns,
-            sequence: rows.unwrap_or(0),
+            // That of the row that is waited for.
+            sequence: sensor.taken,
             status: Status::NO_DATA,
             ..Header::default()
         };
-        match (row, wire) {
-            (Some(event), _) => event,
-            (None, Wire::Wheel) => Event::Wheel(wheel::silent(silence(self.wheel.as_ref().map(|rows| rows.taken)))),
-            (None, Wire::Sinkage) => {
-                Event::Sinkage(Sinkage::unknown(silence(self.sinkage.as_ref().map(|rows| rows.taken))))
-            }
-            (None, Wire::Vibration) => Event::Vibration(self.pieces.close(since_ns, taken_ns)),
+        match sensor.rows {
+            Rows::Wheel(_) => Event::Wheel(wheel::unknown(silence)),
+            Rows::Sinkage(_) => Event::Sinkage(Sinkage::unknown(silence)),
+            Rows::Vibration(_) => Event::Vibration(self.pieces.close(since_ns, taken_ns)),
+        }
+    }
+
+    /// Notes that a sensor's wire carries a sample.
+    fn note(&mut self, taken_ns: u64, index: usize) {
+        for sensor in &mut self.sensors {
+            sensor.others = sensor.others.saturating_add(1);
+        }
+        (self.sensors[index].last_ns, self.sensors[index].others) = (taken_ns, 0);
+        self.now_ns = taken_ns;
+    }
+
+    /// What follows the last row.
+    fn end(&mut self) -> Option<Event<'_>> {
+        if self.pieces.has_samples() {
+            return Some(Event::Vibration(self.pieces.close(self.now_ns, self.now_ns)));
+        }
+        let over = Header {
+            taken_ns: self.now_ns,
+            status: Status::ENDED,
+            ..Header::default()
+        };
+        self.ended += 1;
+        match self.ended {
+            1 => Some(Event::Wheel(wheel::unknown(over))),
+            2 => Some(Event::Sinkage(Sinkage::unknown(over))),
+            3 => Some(Event::Vibration(self.pieces.end(over))),
+            _ => None,
         }
     }
 }
 
-/// The rows of a file, one of them read ahead.
-struct Ahead<R, T> {
-    rows: R,
-    read: fn(&mut R) -> Result<Option<T>, InputError>,
-    next: Option<T>,
+/// A sensor's file, one row of it read ahead, and how long its wire has been silent.
+struct Sensor {
+    file: String,
+    rows: Rows,
+    next: Option<Row>,
     /// Rows taken so far.
     taken: u64,
+    /// Instant of the wire's last sample.
+    last_ns: u64,
+    /// Samples of other wires since.
+    others: u32,
 }
 
-impl<R, T> Ahead<R, T> {
-    fn new(rows: Option<R>, read: fn(&mut R) -> Result<Option<T>, InputError>) -> Result<Option<Self>, InputError> {
-        let Some(mut rows) = rows else { return Ok(None) };
-        let next = read(&mut rows)?;
-        Ok(Some(Self {
+impl Sensor {
+    fn new(mut rows: Rows, file: String) -> Result<Self, InputError> {
+        Ok(Self {
+            file,
+            next: rows.read()?,
             rows,
-            read,
-            next,
             taken: 0,
-        }))
+            last_ns: 0,
+            others: 0,
+        })
+    }
+
+    /// Takes the row that was read ahead, and reads the one after it.
+    fn take(&mut self) -> Result<Option<Row>, InputError> {
+        self.taken += 1;
+        let next = self.rows.read()?;
+        Ok(std::mem::replace(&mut self.next, next))
     }
 }
 
-/// Takes the row that was read ahead, and reads the one after it.
-fn take<R, T>(ahead: &mut Option<Ahead<R, T>>) -> Result<Option<T>, InputError> {
-    let Some(ahead) = ahead else { return Ok(None) };
-    ahead.taken += 1;
-    let next = (ahead.read)(&mut ahead.rows)?;
-    Ok(std::mem::replace(&mut ahead.next, next))
+/// The rows of a file.
+enum Rows {
+    Wheel(WheelRows),
+    Sinkage(SinkageRows),
+    Vibration(VibrationRows),
+}
+
+const VIBRATION: usize = 2;
+
+impl Rows {
+    fn read(&mut self) -> Result<Option<Row>, InputError> {
+        Ok(match self {
+            Self::Wheel(rows) => rows.next_row()?.map(Row::Wheel),
+            Self::Sinkage(rows) => rows.next_row()?.map(Row::Sinkage),
+            Self::Vibration(rows) => rows.next_row()?.map(Row::Vibration),
+        })
+    }
+
+    /// The place in [`SILENCE_MAX_NS`].
+    fn wire(&self) -> usize {
+        match self {
+            Self::Wheel(_) => 0,
+            Self::Sinkage(_) => 1,
+            Self::Vibration(_) => VIBRATION,
+        }
+    }
+}
+
+/// A row of a file.
+enum Row {
+    Wheel(Wheel),
+    Sinkage(Sinkage),
+    Vibration(Instant),
+}
+
+impl Row {
+    fn taken_ns(&self) -> u64 {
+        match self {
+            Self::Wheel(sample) => sample.header.taken_ns,
+            Self::Sinkage(sample) => sample.header.taken_ns,
+            Self::Vibration(instant) => instant.taken_ns,
+        }
+    }
 }
 
 /// Collects instants into pieces of vibration.
@@ -260,19 +299,20 @@ struct Pieces {
 }
 
 impl Pieces {
-    fn new(rows: Option<&VibrationRows>) -> Self {
-        let mut piece = Box::new(Vibration::new_zeroed());
-        if let Some(rows) = rows {
-            piece.period_ns = rows.period_ns;
-            piece.channel_count = rows.channels.len().min(CHANNELS_MAX) as u32;
-            for (target, name) in piece.channels.iter_mut().zip(&rows.channels) {
-                *target = label(name);
-            }
-        }
+    fn new() -> Self {
         Self {
-            piece,
+            piece: Box::new(Vibration::new_zeroed()),
             sent: false,
             sequence: 0,
+        }
+    }
+
+    /// Writes what all pieces have in common.
+    fn describe(&mut self, rows: &VibrationRows) {
+        self.piece.period_ns = rows.period_ns;
+        self.piece.channel_count = rows.channels.len().min(CHANNELS_MAX) as u32;
+        for (target, name) in self.piece.channels.iter_mut().zip(&rows.channels) {
+            *target = label(name);
         }
     }
 
@@ -328,6 +368,13 @@ impl Pieces {
         self.sent = true;
         piece
     }
+
+    /// A piece that says that none follows.
+    fn end(&mut self, header: Header) -> &Vibration {
+        self.piece.header = header;
+        self.piece.count = 0;
+        &self.piece
+    }
 }
 
 /// First and last instant of `frames.csv`.
@@ -340,18 +387,18 @@ fn span_ns(file: &str, input: Input) -> Result<(u64, u64), InputError> {
     span_ns.ok_or_else(|| InputError::new(file, 0, "there is no row"))
 }
 
-/// The first instant of all, if all files have one clock.
-fn begin_ns(folder: &str, starts: &[(&str, Option<u64>)]) -> Result<u64, InputError> {
-    let known = starts.iter().filter_map(|(name, start_ns)| Some((*name, (*start_ns)?)));
-    let Some((first, begin_ns)) = known.clone().min_by_key(|(_, start_ns)| *start_ns) else {
+/// The first instant of all files, if they have one clock.
+fn begin_ns(sensors: &[Sensor], frames: Option<(u64, String)>) -> Result<u64, InputError> {
+    let first = |sensor: &Sensor| Some((sensor.next.as_ref()?.taken_ns(), sensor.file.clone()));
+    let mut starts: Vec<(u64, String)> = sensors.iter().filter_map(first).chain(frames).collect();
+    starts.sort();
+    let (Some((begin_ns, earliest)), Some((latest_ns, latest))) = (starts.first(), starts.last()) else {
         return Ok(0);
     };
-    for (name, start_ns) in known {
-        let gap_s = (start_ns - begin_ns) as f64 / 1e9;
-        if gap_s > GAP_MAX_S {
-            let what = format!("starts {gap_s:.0} s after {first}; all files of a traverse must have the same clock");
-            return Err(InputError::new(&format!("{folder}/{name}"), 0, what));
-        }
+    let gap_s = (latest_ns - begin_ns) as f64 / 1e9;
+    if gap_s > GAP_MAX_S {
+        let what = format!("starts {gap_s:.0} s after {earliest}; all files of a traverse must have the same clock");
+        return Err(InputError::new(latest, 0, what));
     }
-    Ok(begin_ns)
+    Ok(*begin_ns)
 }

@@ -48,8 +48,16 @@ enum Source {
 }
 
 impl VibrationRows {
+    /// Opens a sound file where the name ends so, else a table.
+    pub(crate) fn open(file: &str, input: Input, traverse: &Traverse) -> Result<Self, InputError> {
+        match file.ends_with(".wav") {
+            true => Self::open_sound(file, input, traverse),
+            false => Self::open_table(file, input),
+        }
+    }
+
     /// Opens `vibration.csv`: `taken_s`, and a column for each channel.
-    pub(crate) fn open_table(file: &str, input: Input) -> Result<Self, InputError> {
+    fn open_table(file: &str, input: Input) -> Result<Self, InputError> {
         let mut table = Table::open(file, input)?;
         if !table.names().iter().any(|name| name == "taken_s") {
             return Err(table.fault("column \"taken_s\" is missing; the others are the channels, unit in the name"));
@@ -82,7 +90,7 @@ impl VibrationRows {
     }
 
     /// Opens `vibration.wav`, whose start, scale and channels stand in `traverse.toml`.
-    pub(crate) fn open_sound(file: &str, input: Input, traverse: &Traverse) -> Result<Self, InputError> {
+    fn open_sound(file: &str, input: Input, traverse: &Traverse) -> Result<Self, InputError> {
         let (sound, channels) = Sound::open(file, input, traverse)?;
         check_channels(&channels).map_err(|what| InputError::new(file, 0, what))?;
         Ok(Self {

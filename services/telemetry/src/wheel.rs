@@ -34,7 +34,7 @@ impl WheelRows {
             sequence: table.row(),
             ..Header::default()
         };
-        let mut wheel = silent(header);
+        let mut wheel = unknown(header);
         wheel.load_n = table.number(1, -1e6..=1e6)?;
         wheel.torque_nm = table.number(2, -1e6..=1e6)?;
         wheel.angular_velocity_rad_s = table.number(3, -1e4..=1e4)?;
@@ -54,10 +54,10 @@ impl WheelRows {
     }
 }
 
-/// A sample of an interval in which the sensor was silent.
-pub(crate) fn silent(header: Header) -> Wheel {
+/// A sample that knows nothing: `header`, and NaN everywhere else.
+pub(crate) fn unknown(header: Header) -> Wheel {
     Wheel {
-        header: header.answer(Status::NO_DATA),
+        header,
         load_n: f64::NAN,
         torque_nm: f64::NAN,
         angular_velocity_rad_s: f64::NAN,

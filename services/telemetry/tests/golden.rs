@@ -1,11 +1,11 @@
 //! A recorded traverse becomes one stream: in order, without loss, without silences, and bad files are refused in words.
 
 use hound::{SampleFormat, WavSpec, WavWriter};
-use messages::{Message, Status, Vibration, label_text};
+use messages::{Message, Sinkage, Status, Vibration, Wheel, label_text};
 use std::fmt::Write;
 use std::io::Cursor;
 use telemetry::{Event, Files, Recording};
-use traverse::{Input, InputError, Traverse};
+use traverse::{Input, InputError};
 use zerocopy::IntoBytes;
 
 const TOML: &str = "[wheel]\nradius_m = 0.15\nwidth_m = 0.16\n";
@@ -31,24 +31,33 @@ impl Folder {
 
     fn open(&self) -> Result<Recording, InputError> {
         let input = |bytes: &[u8]| (!bytes.is_empty()).then(|| Box::new(Cursor::new(bytes.to_vec())) as Input);
-        let traverse = Traverse::parse("t/traverse.toml", &self.toml)?;
         let files = Files {
+            description: Some(Box::new(Cursor::new(self.toml.clone().into_bytes()))),
             frames: input(self.frames.as_bytes()),
             wheel: input(self.wheel.as_bytes()),
             sinkage: input(self.sinkage.as_bytes()),
             vibration: input(self.vibration.as_bytes()),
             sound: input(&self.sound),
         };
-        Recording::new("t", &traverse, files)
+        Recording::open("t", files)
     }
 
     /// Hands every event, `limit` of them at the most, to `act`.
     fn run(&self, limit: usize, mut act: impl FnMut(&Event)) -> Result<(), InputError> {
-        let mut recording = self.open()?;
+        let (mut recording, mut ended) = (self.open()?, 0);
         for _ in 0..limit {
             match recording.next_event()? {
+                Some(Event::Wheel(Wheel { header, .. }) | Event::Sinkage(Sinkage { header, .. }))
+                    if header.status == Status::ENDED =>
+                {
+                    ended += 1
+                }
+                Some(Event::Vibration(piece)) if piece.header.status == Status::ENDED => ended += 1,
                 Some(event) => act(&event),
-                None => break,
+                None => {
+                    assert_eq!(ended, 3, "each wire is told that the recording is over");
+                    break;
+                }
             }
         }
         Ok(())
@@ -526,7 +535,7 @@ fn what_does_not_fit_together_is_refused() {
     folder.sinkage = "taken_s,entry_rad,exit_rad\n1.7e9,0.5,-0.1\n".into();
     assert_eq!(
         folder.error(),
-        "t/sinkage.csv: starts 1700000000 s after vibration; all files of a traverse must have the same clock"
+        "t/sinkage.csv: starts 1700000000 s after t/vibration.csv; all files of a traverse must have the same clock"
     );
     folder.toml = String::new();
     assert!(

@@ -1,8 +1,12 @@
 //! `traverse.toml`: what the tables do not say, the wheel's size above all.
 
-use crate::InputError;
+use crate::{Input, InputError};
 use serde::Deserialize;
+use std::io::Read;
 use std::ops::RangeInclusive;
+
+/// Length of a description at the most.
+const TEXT_BYTES_MAX: u64 = 1 << 20;
 
 /// The whole file. Every table may be absent; what a service then lacks is said by whoever starts it.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
@@ -86,6 +90,22 @@ pub struct Vibration {
 impl Traverse {
     /// The smallest file that is enough for every sensor but a sound file.
     pub const EXAMPLE: &str = "[wheel]\nradius_m = 0.15\nwidth_m = 0.16\n";
+
+    /// Reads an open `traverse.toml`. `file` is the name that errors give.
+    ///
+    /// # Errors
+    /// As [`Traverse::parse`], and where there is no file.
+    pub fn read(file: &str, input: Option<Input>) -> Result<Self, InputError> {
+        let Some(input) = input else {
+            let what = format!("there is no such file; write one with at least:\n{}", Self::EXAMPLE);
+            return Err(InputError::new(file, 0, what));
+        };
+        let mut text = String::new();
+        match input.take(TEXT_BYTES_MAX).read_to_string(&mut text) {
+            Ok(_) => Self::parse(file, &text),
+            Err(error) => Err(InputError::new(file, 0, format!("cannot be read: {error}"))),
+        }
+    }
 
     /// Reads the text of a `traverse.toml`. `file` is the name that errors give.
     ///

@@ -49,3 +49,9 @@ impl fmt::Display for InputError {
 }
 
 impl std::error::Error for InputError {}
+
+impl From<InputError> for String {
+    fn from(error: InputError) -> Self {
+        error.to_string()
+    }
+}
