@@ -9,7 +9,9 @@ use zerocopy::{FromBytes, IntoBytes};
 fn noise(length: usize, seed: u64) -> Vec<u8> {
     let mut state = seed;
     let mut next = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
         state.to_le_bytes()[6]
     };
     (0..length).map(|_| next()).collect()
@@ -42,19 +44,45 @@ fn random_bytes_on_every_wire_kill_no_service_and_are_marked() {
     flood::<TerrainClass>(&domain, "body/class", 6);
     let cycles = rover.row("terrain")["published"].as_u64().unwrap();
     rover.until("cycles go on", |rows| {
-        rows.iter().any(|row| row["service"] == "terrain" && row["published"].as_u64().unwrap() > cycles + 20)
+        rows.iter()
+            .any(|row| row["service"] == "terrain" && row["published"].as_u64().unwrap() > cycles + 20)
     });
     assert_eq!(rover.pids(), pids, "{}", rover.log());
-    assert!(rover.row("terrain")["rejected"].as_u64() >= Some(20), "{:#?}", rover.rows());
-    for wire in ["front/frames", "front/wheel", "body/vibration", "front/sinkage", "front/soil", "body/class"] {
-        assert!(rover.log().contains(&format!("wire {wire}: bad sample 1: ")), "{wire}: {}", rover.log());
+    assert!(
+        rover.row("terrain")["rejected"].as_u64() >= Some(20),
+        "{:#?}",
+        rover.rows()
+    );
+    for wire in [
+        "front/frames",
+        "front/wheel",
+        "body/vibration",
+        "front/sinkage",
+        "front/soil",
+        "body/class",
+    ] {
+        assert!(
+            rover.log().contains(&format!("wire {wire}: bad sample 1: ")),
+            "{wire}: {}",
+            rover.log()
+        );
     }
 }
 
 #[test]
 fn a_sample_of_random_bytes_is_a_value_and_is_not_believed() {
     for seed in 0..200 {
-        assert!(Sinkage::read_from_bytes(&noise(size_of::<Sinkage>(), seed)).unwrap().check().is_err());
-        assert!(Wheel::read_from_bytes(&noise(size_of::<Wheel>(), seed)).unwrap().check().is_err());
+        assert!(
+            Sinkage::read_from_bytes(&noise(size_of::<Sinkage>(), seed))
+                .unwrap()
+                .check()
+                .is_err()
+        );
+        assert!(
+            Wheel::read_from_bytes(&noise(size_of::<Wheel>(), seed))
+                .unwrap()
+                .check()
+                .is_err()
+        );
     }
 }

@@ -5,6 +5,7 @@ mod hostile;
 mod layout;
 mod recording;
 mod refusal;
+mod replacement;
 mod replay;
 mod rover;
 mod supervision;

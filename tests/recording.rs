@@ -16,7 +16,9 @@ const DESCRIPTION: &str = "[wheel]\nradius_m = 0.15\nwidth_m = 0.16\n\n[soil]\ns
 impl Traverse {
     /// Wheel telemetry, measured angles and two channels of vibration over ten seconds.
     pub fn without_pictures() -> Self {
-        let traverse = Self { folder: tempfile::tempdir().unwrap() };
+        let traverse = Self {
+            folder: tempfile::tempdir().unwrap(),
+        };
         traverse.write("traverse.toml", DESCRIPTION.as_bytes());
         let mut wheel = String::from("taken_s,load_n,torque_nm,angular_velocity_rad_s,linear_velocity_m_s\n");
         let mut sinkage = String::from("taken_s,entry_rad,exit_rad\n");
@@ -38,10 +40,21 @@ impl Traverse {
 
     /// The same with pictures of the simulated rover instead of measured angles.
     pub fn with_pictures(seconds: u32) -> Self {
-        let traverse = Self { folder: tempfile::tempdir().unwrap() };
+        let traverse = Self {
+            folder: tempfile::tempdir().unwrap(),
+        };
         let folder = traverse.folder.path().display().to_string();
         let seconds = seconds.to_string();
-        let (code, text) = told(&["simulate", "--out", &folder, "--seconds", &seconds, "--rate-hz", "5", "--force"]);
+        let (code, text) = told(&[
+            "simulate",
+            "--out",
+            &folder,
+            "--seconds",
+            &seconds,
+            "--rate-hz",
+            "5",
+            "--force",
+        ]);
         assert_eq!(code, 0, "{text}");
         let _ = std::fs::rename(traverse.path("frames/000.png"), traverse.path("000.png"));
         traverse

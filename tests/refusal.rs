@@ -17,11 +17,27 @@ fn the_built_in_system_is_right() {
 fn a_wrong_system_file_is_refused_with_its_line() {
     for (from, to, words) in [
         ("[system]", "[sytem]", "rover.toml:4: unknown field `sytem`"),
-        ("rate_hz = 30", "rate_hz = -3", "`rate_hz` of service `camera` must be 0.1 to 1000, is -3"),
+        (
+            "rate_hz = 30",
+            "rate_hz = -3",
+            "`rate_hz` of service `camera` must be 0.1 to 1000, is -3",
+        ),
         ("radius_m = 0.15 }", "radius_n = 0.15 }", "unknown field `radius_n`"),
-        ("exec = [\"terrasense-terrain\"]", "exec = [\"terrasense-terain\"]", "executable `terrasense-terain`"),
-        ("inputs = { frames = \"front/frames\" }", "inputs = { frames = \"front/fames\" }", "nobody writes wire front/fames"),
-        ("outputs = { soil = \"front/soil\" }", "outputs = { soil = \"front/terrain\" }", "has two writers"),
+        (
+            "exec = [\"terrasense-terrain\"]",
+            "exec = [\"terrasense-terain\"]",
+            "executable `terrasense-terain`",
+        ),
+        (
+            "inputs = { frames = \"front/frames\" }",
+            "inputs = { frames = \"front/fames\" }",
+            "nobody writes wire front/fames",
+        ),
+        (
+            "outputs = { soil = \"front/soil\" }",
+            "outputs = { soil = \"front/terrain\" }",
+            "has two writers",
+        ),
         ("deadline_ms = 1000", "deadline_ms = -1", "rover.toml:"),
         ("mode", "mode", ""),
     ] {
@@ -36,27 +52,65 @@ fn a_wrong_system_file_is_refused_with_its_line() {
 #[test]
 fn a_missing_system_file_is_refused_with_the_way_out() {
     let (code, text) = told(&["up", "/nowhere/rover.toml"]);
-    assert!(code == 78 && text.contains("/nowhere/rover.toml: ") && text.contains("terrasense default-system"), "{text}");
+    assert!(
+        code == 78 && text.contains("/nowhere/rover.toml: ") && text.contains("terrasense default-system"),
+        "{text}"
+    );
 }
 
 #[test]
 fn a_broken_traverse_is_refused_with_file_and_line() {
     let cases: [(&str, fn(&Traverse), &str); 8] = [
-        ("a bad cell", |traverse| traverse.edit("wheel.csv", |text| text.replacen("90", "9o", 1)), "wheel.csv:2"),
-        ("a wrong column", |traverse| traverse.edit("wheel.csv", |text| text.replace("load_n", "load_kg")), "wheel.csv:1"),
-        ("an infinite value", |traverse| traverse.edit("sinkage.csv", |text| text.replacen("0.4", "inf", 1)), "sinkage.csv:2"),
-        ("time going back", |traverse| traverse.edit("wheel.csv", |text| text + "0.0,90,3,0.3,0.03\n"), "wheel.csv:"),
-        ("a typing error", |traverse| traverse.edit("traverse.toml", |text| text.replace("radius_m", "radios_m")), "traverse.toml:2"),
-        ("no description", |traverse| traverse.remove("traverse.toml"), "traverse.toml"),
-        ("a negative radius", |traverse| traverse.edit("traverse.toml", |text| text.replace("0.15", "-0.15")), "traverse.toml:2"),
-        ("bytes that are no text", |traverse| traverse.write("vibration.csv", &[0xff, 0xfe, 0, 1, 2]), "vibration.csv:"),
+        (
+            "a bad cell",
+            |traverse| traverse.edit("wheel.csv", |text| text.replacen("90", "9o", 1)),
+            "wheel.csv:2",
+        ),
+        (
+            "a wrong column",
+            |traverse| traverse.edit("wheel.csv", |text| text.replace("load_n", "load_kg")),
+            "wheel.csv:1",
+        ),
+        (
+            "an infinite value",
+            |traverse| traverse.edit("sinkage.csv", |text| text.replacen("0.4", "inf", 1)),
+            "sinkage.csv:2",
+        ),
+        (
+            "time going back",
+            |traverse| traverse.edit("wheel.csv", |text| text + "0.0,90,3,0.3,0.03\n"),
+            "wheel.csv:",
+        ),
+        (
+            "a typing error",
+            |traverse| traverse.edit("traverse.toml", |text| text.replace("radius_m", "radios_m")),
+            "traverse.toml:2",
+        ),
+        (
+            "no description",
+            |traverse| traverse.remove("traverse.toml"),
+            "traverse.toml",
+        ),
+        (
+            "a negative radius",
+            |traverse| traverse.edit("traverse.toml", |text| text.replace("0.15", "-0.15")),
+            "traverse.toml:2",
+        ),
+        (
+            "bytes that are no text",
+            |traverse| traverse.write("vibration.csv", &[0xff, 0xfe, 0, 1, 2]),
+            "vibration.csv:",
+        ),
     ];
     for (what, break_it, words) in cases {
         let traverse = Traverse::without_pictures();
         break_it(&traverse);
         let (code, text) = traverse.replay("out");
         assert!(code == 65 && text.contains(words), "{what}: {code}: {text}");
-        assert!(is_clean(&traverse.folder.path().join("out")), "{what} left something behind");
+        assert!(
+            is_clean(&traverse.folder.path().join("out")),
+            "{what} left something behind"
+        );
     }
 }
 
@@ -77,21 +131,29 @@ fn a_broken_or_huge_picture_is_refused_with_its_line() {
     let whole = std::fs::read(traverse.path("001.png")).unwrap();
     traverse.write("001.png", &whole[..whole.len() / 2]);
     let (code, text) = traverse.replay("out");
-    assert!(code == 65 && text.contains("frames.csv:3") && text.contains("001.png"), "{code}: {text}");
+    assert!(
+        code == 65 && text.contains("frames.csv:3") && text.contains("001.png"),
+        "{code}: {text}"
+    );
     // Its header says 10,000 × 10,000.
     let mut huge = whole.clone();
     huge[16..24].copy_from_slice(&[0, 0, 0x27, 0x10, 0, 0, 0x27, 0x10]);
     huge[29..33].copy_from_slice(&crc32(&huge[12..29]).to_be_bytes());
     traverse.write("001.png", &huge);
     let (code, text) = traverse.replay("out");
-    assert!(code == 65 && text.contains("10000") && text.contains("001.png"), "{code}: {text}");
+    assert!(
+        code == 65 && text.contains("10000") && text.contains("001.png"),
+        "{code}: {text}"
+    );
     assert!(is_clean(&traverse.path("out")));
 }
 
 /// The checksum of a PNG chunk.
 fn crc32(bytes: &[u8]) -> u32 {
     let step = |crc: u32, byte: &u8| {
-        (0..8).fold(crc ^ u32::from(*byte), |crc, _| if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 })
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| {
+            if crc & 1 == 1 { crc >> 1 ^ 0xedb8_8320 } else { crc >> 1 }
+        })
     };
     !bytes.iter().fold(!0, step)
 }

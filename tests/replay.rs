@@ -7,8 +7,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 fn column(text: &str, name: &str) -> Vec<String> {
     let mut lines = text.lines();
     let names: Vec<&str> = lines.next().unwrap().split(',').collect();
-    let index = names.iter().position(|other| *other == name).unwrap_or_else(|| panic!("no {name} in {names:?}"));
-    lines.map(|line| line.split(',').nth(index).unwrap().to_owned()).collect()
+    let index = names
+        .iter()
+        .position(|other| *other == name)
+        .unwrap_or_else(|| panic!("no {name} in {names:?}"));
+    lines
+        .map(|line| line.split(',').nth(index).unwrap().to_owned())
+        .collect()
 }
 
 #[test]
@@ -19,7 +24,11 @@ fn two_replays_give_the_same_bytes_also_on_a_busy_machine() {
     let over = AtomicBool::new(false);
     std::thread::scope(|scope| {
         for _ in 0..4 {
-            scope.spawn(|| while !over.load(Ordering::Relaxed) { std::hint::spin_loop(); });
+            scope.spawn(|| {
+                while !over.load(Ordering::Relaxed) {
+                    std::hint::spin_loop();
+                }
+            });
         }
         let (code, text) = traverse.replay("second");
         over.store(true, Ordering::Relaxed);
@@ -27,7 +36,18 @@ fn two_replays_give_the_same_bytes_also_on_a_busy_machine() {
     });
     let (first, second) = (contents(&traverse.path("first")), contents(&traverse.path("second")));
     let names: Vec<&String> = first.iter().map(|(name, _)| name).collect();
-    assert_eq!(names, ["class.csv", "frames.csv", "sinkage.csv", "soil.csv", "terrain.csv", "vibration.csv", "wheel.csv"]);
+    assert_eq!(
+        names,
+        [
+            "class.csv",
+            "frames.csv",
+            "sinkage.csv",
+            "soil.csv",
+            "terrain.csv",
+            "vibration.csv",
+            "wheel.csv"
+        ]
+    );
     for ((name, first), (_, second)) in first.iter().zip(&second) {
         assert!(first == second, "{name} differs");
         assert!(first.len() > 200, "{name} is empty");
@@ -44,11 +64,26 @@ fn no_sample_is_lost_and_every_cycle_has_one_of_each() {
     for name in ["sinkage.csv", "soil.csv", "terrain.csv"] {
         let rows: Vec<String> = column(&read(name), "sequence");
         let states = column(&read(name), "status");
-        let measured: Vec<String> =
-            rows.into_iter().zip(states).filter(|(_, status)| status != "no_data").map(|(row, _)| row).collect();
-        assert!(measured.len() >= cycles.len(), "{name}: {} of {}", measured.len(), cycles.len());
+        let measured: Vec<String> = rows
+            .into_iter()
+            .zip(states)
+            .filter(|(_, status)| status != "no_data")
+            .map(|(row, _)| row)
+            .collect();
+        assert!(
+            measured.len() >= cycles.len(),
+            "{name}: {} of {}",
+            measured.len(),
+            cycles.len()
+        );
     }
-    assert_eq!(column(&read("wheel.csv"), "status").iter().filter(|status| *status == "ok").count(), 1000);
+    assert_eq!(
+        column(&read("wheel.csv"), "status")
+            .iter()
+            .filter(|status| *status == "ok")
+            .count(),
+        1000
+    );
 }
 
 #[test]
@@ -58,6 +93,9 @@ fn a_traverse_of_one_part_starts_only_the_services_that_it_feeds() {
     traverse.remove("sinkage.csv");
     let (code, text) = traverse.replay("out");
     assert_eq!(code, 0, "{text}");
-    let names: Vec<String> = contents(&traverse.path("out")).into_iter().map(|(name, _)| name).collect();
+    let names: Vec<String> = contents(&traverse.path("out"))
+        .into_iter()
+        .map(|(name, _)| name)
+        .collect();
     assert_eq!(names, ["class.csv", "vibration.csv"]);
 }

@@ -28,7 +28,11 @@ impl Rover {
         let text = String::from_utf8(terrasense(&["default-system"]).stdout).unwrap();
         let text = text.replace("name = \"rover\"", &format!("name = \"{name}\""));
         std::fs::write(folder.path().join("rover.toml"), edit(text)).unwrap();
-        Self { name, folder, launcher: None }
+        Self {
+            name,
+            folder,
+            launcher: None,
+        }
     }
 
     /// The system's file.
@@ -39,7 +43,9 @@ impl Rover {
     /// Starts the system and waits until all its services run.
     pub fn up(&mut self) {
         self.start();
-        self.until("all services run", |rows| rows.iter().all(|row| row["state"] == "running"));
+        self.until("all services run", |rows| {
+            rows.iter().all(|row| row["state"] == "running")
+        });
     }
 
     /// Starts the launcher.
@@ -74,7 +80,11 @@ impl Rover {
                 return rows;
             }
             let ended = self.launcher.as_mut().and_then(|launcher| launcher.try_wait().unwrap());
-            assert!(ended.is_none(), "the launcher ended while waiting until {what}:\n{}", self.log());
+            assert!(
+                ended.is_none(),
+                "the launcher ended while waiting until {what}:\n{}",
+                self.log()
+            );
             assert!(start.elapsed() < PATIENCE, "not yet: {what}\n{rows:#?}\n{}", self.log());
         }
     }
@@ -82,7 +92,9 @@ impl Rover {
     /// The row of one service.
     pub fn row(&self, service: &str) -> Value {
         let rows = self.rows();
-        rows.into_iter().find(|row| row["service"] == service).unwrap_or_else(|| panic!("no {service}: {}", self.log()))
+        rows.into_iter()
+            .find(|row| row["service"] == service)
+            .unwrap_or_else(|| panic!("no {service}: {}", self.log()))
     }
 
     /// The process numbers of all services.
@@ -103,7 +115,8 @@ impl Rover {
         let entries = std::fs::read_dir("/dev/shm").unwrap().filter_map(Result::ok);
         let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
         let belongs = |name: &String| {
-            name.strip_prefix(&begin).is_some_and(|rest| rest.is_empty() || rest.starts_with(['-', '.']))
+            name.strip_prefix(&begin)
+                .is_some_and(|rest| rest.is_empty() || rest.starts_with(['-', '.']))
         };
         names.filter(belongs).collect()
     }
@@ -146,20 +159,31 @@ pub fn wait_until(what: &str, holds: impl Fn() -> bool) {
 pub fn program(name: &str) -> PathBuf {
     let here = std::env::current_exe().unwrap();
     let path = here.ancestors().nth(2).unwrap().join(name);
-    assert!(path.is_file(), "{} is missing; run all tests: cargo test --workspace", path.display());
+    assert!(
+        path.is_file(),
+        "{} is missing; run all tests: cargo test --workspace",
+        path.display()
+    );
     path
 }
 
 /// Runs `terrasense` to its end.
 pub fn terrasense(arguments: &[&str]) -> Output {
-    Command::new(program("terrasense")).args(arguments).stdin(Stdio::null()).output().unwrap()
+    Command::new(program("terrasense"))
+        .args(arguments)
+        .stdin(Stdio::null())
+        .output()
+        .unwrap()
 }
 
 /// Runs `terrasense` to its end and returns its exit code and what it printed on both.
 pub fn told(arguments: &[&str]) -> (i32, String) {
     let output = terrasense(arguments);
     let text = [output.stdout, output.stderr].concat();
-    (output.status.code().unwrap_or(-1), String::from_utf8_lossy(&text).into_owned())
+    (
+        output.status.code().unwrap_or(-1),
+        String::from_utf8_lossy(&text).into_owned(),
+    )
 }
 
 /// All files of a folder with their bytes.

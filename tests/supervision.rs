@@ -3,7 +3,14 @@
 use crate::rover::{Rover, lives, pid, signal, wait_until};
 use rustix::process::Signal;
 
-const SERVICES: [&str; 6] = ["camera", "telemetry", "sinkage", "terramechanics", "vibration", "terrain"];
+const SERVICES: [&str; 6] = [
+    "camera",
+    "telemetry",
+    "sinkage",
+    "terramechanics",
+    "vibration",
+    "terrain",
+];
 
 #[test]
 fn a_killed_service_is_back_and_the_others_never_stop() {
@@ -14,15 +21,22 @@ fn a_killed_service_is_back_and_the_others_never_stop() {
         let old = pid(&rover.row(victim));
         signal(old, Signal::KILL);
         let after = rover.until(&format!("{victim} is back"), |rows| {
-            rows.iter().any(|row| row["service"] == victim && row["state"] == "running" && pid(row) != old)
+            rows.iter()
+                .any(|row| row["service"] == victim && row["state"] == "running" && pid(row) != old)
         });
         for (before, after) in before.iter().zip(&after).filter(|(row, _)| row["service"] != victim) {
-            assert_eq!(before["pid"], after["pid"], "{victim} took another one with it: {}", rover.log());
+            assert_eq!(
+                before["pid"],
+                after["pid"],
+                "{victim} took another one with it: {}",
+                rover.log()
+            );
         }
     }
     let cycles = rover.row("terrain")["published"].as_u64();
     rover.until("cycles go on", |rows| {
-        rows.iter().any(|row| row["service"] == "terrain" && row["published"].as_u64() > cycles)
+        rows.iter()
+            .any(|row| row["service"] == "terrain" && row["published"].as_u64() > cycles)
     });
     assert_eq!(rover.down(), Some(0), "{}", rover.log());
     assert_eq!(rover.traces(), [""; 0]);
@@ -51,25 +65,50 @@ fn a_stopped_service_is_noticed_by_its_silence_and_replaced() {
         let old = pid(&rover.row(victim));
         signal(old, Signal::STOP);
         rover.until(&format!("{victim} is replaced"), |rows| {
-            rows.iter().any(|row| row["service"] == victim && row["state"] == "running" && pid(row) != old)
+            rows.iter()
+                .any(|row| row["service"] == victim && row["state"] == "running" && pid(row) != old)
         });
-        assert!(rover.log().contains(&format!("{victim}: has been silent on ")), "{}", rover.log());
+        assert!(
+            rover.log().contains(&format!("{victim}: has been silent on ")),
+            "{}",
+            rover.log()
+        );
     }
 }
 
 #[test]
 fn a_service_that_keeps_dying_is_given_up_and_the_rest_goes_on() {
     let mut rover = Rover::new(|text| {
-        text.replace("exec = [\"terrasense-vibration\"]", "exec = [\"sh\", \"-c\", \"exit 3\"]\nintensity = 2")
+        text.replace(
+            "exec = [\"terrasense-vibration\"]",
+            "exec = [\"sh\", \"-c\", \"exit 3\"]\nintensity = 2",
+        )
     });
     rover.start();
     let rows = rover.until("given up, and cycles", |rows| {
-        let given_up = rows.iter().any(|row| row["service"] == "vibration" && row["state"] == "given_up");
-        given_up && rows.iter().any(|row| row["service"] == "terrain" && row["published"].as_u64() > Some(10))
+        let given_up = rows
+            .iter()
+            .any(|row| row["service"] == "vibration" && row["state"] == "given_up");
+        given_up
+            && rows
+                .iter()
+                .any(|row| row["service"] == "terrain" && row["published"].as_u64() > Some(10))
     });
     let others = rows.iter().filter(|row| row["service"] != "vibration");
-    others.for_each(|row| assert_eq!((&row["state"], &row["restarts"]), (&"running".into(), &0.into()), "{row}"));
-    assert!(rover.log().contains("vibration: ended with code 3; given up: 2 restarts within 10 s"), "{}", rover.log());
+    others.for_each(|row| {
+        assert_eq!(
+            (&row["state"], &row["restarts"]),
+            (&"running".into(), &0.into()),
+            "{row}"
+        )
+    });
+    assert!(
+        rover
+            .log()
+            .contains("vibration: ended with code 3; given up: 2 restarts within 10 s"),
+        "{}",
+        rover.log()
+    );
 }
 
 #[test]
@@ -79,7 +118,10 @@ fn a_service_that_never_opens_its_wires_is_ended() {
         text.replace("exec = [\"terrasense-terrain\"]", asleep)
     });
     rover.start();
-    rover.until("given up", |rows| rows.iter().any(|row| row["service"] == "terrain" && row["state"] == "given_up"));
+    rover.until("given up", |rows| {
+        rows.iter()
+            .any(|row| row["service"] == "terrain" && row["state"] == "given_up")
+    });
 }
 
 #[test]

@@ -38,13 +38,19 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Error> {
     let mut alive = true;
     say(&mut supervisor);
     if !termination.requested() {
-        eprintln!("terrasense: up; `terrasense status --name {}` shows how it is doing", name_of(&supervisor));
+        eprintln!(
+            "terrasense: up; `terrasense status --name {}` shows how it is doing",
+            name_of(&supervisor)
+        );
     }
     while alive && !termination.requested() {
         supervisor.tick(|_| ())?;
         say(&mut supervisor);
         let over = [ServiceState::GIVEN_UP, ServiceState::STOPPED];
-        alive = supervisor.services().values().any(|service| !over.contains(&service.state));
+        alive = supervisor
+            .services()
+            .values()
+            .any(|service| !over.contains(&service.state));
     }
     supervisor.stop(|_| ())?;
     say(&mut supervisor);
@@ -64,7 +70,11 @@ pub fn validate(arguments: &ValidateArguments) -> Result<ExitCode, Error> {
     for name in system.order.iter().rev() {
         let table = &file.services[name];
         let list = |wires: &std::collections::BTreeMap<String, toml::Spanned<String>>| {
-            wires.values().map(|wire| wire.get_ref().clone()).collect::<Vec<_>>().join(" ")
+            wires
+                .values()
+                .map(|wire| wire.get_ref().clone())
+                .collect::<Vec<_>>()
+                .join(" ")
         };
         println!("  {name:<16} {:<30} → {}", list(&table.inputs), list(&table.outputs));
     }
@@ -95,7 +105,10 @@ pub fn check_configs(system: &System, path: Option<&str>) -> Result<(), Error> {
         .programs
         .iter()
         .filter(|(_, program)| {
-            program.file_name().and_then(|file| file.to_str()).is_some_and(|file| file.starts_with("terrasense-"))
+            program
+                .file_name()
+                .and_then(|file| file.to_str())
+                .is_some_and(|file| file.starts_with("terrasense-"))
         })
         .filter_map(|(name, program)| check_config(name, program, readable))
         .map(|text| text.replace(&scratch.display().to_string(), &system.file.path))
@@ -103,18 +116,31 @@ pub fn check_configs(system: &System, path: Option<&str>) -> Result<(), Error> {
     if given.is_none() {
         let _ = std::fs::remove_file(&scratch);
     }
-    if problems.is_empty() { Ok(()) } else { Err(Error::config(problems.join("\n"))) }
+    if problems.is_empty() {
+        Ok(())
+    } else {
+        Err(Error::config(problems.join("\n")))
+    }
 }
 
 /// What is wrong with the configuration of one service, if anything is.
 fn check_config(name: &str, program: &Path, system: &Path) -> Option<String> {
-    let output = Command::new(program).arg("--check").arg(system).arg(name).stdin(Stdio::null()).output();
+    let output = Command::new(program)
+        .arg("--check")
+        .arg(system)
+        .arg(name)
+        .stdin(Stdio::null())
+        .output();
     match output {
         Ok(output) if output.status.success() => None,
         Ok(output) => {
             let text = String::from_utf8_lossy(&output.stderr);
             let text = text.trim();
-            Some(text.strip_prefix(&format!("service {name}: ")).unwrap_or(text).to_owned())
+            Some(
+                text.strip_prefix(&format!("service {name}: "))
+                    .unwrap_or(text)
+                    .to_owned(),
+            )
         }
         Err(error) => Some(format!("{}: {error}", program.display())),
     }
@@ -129,7 +155,9 @@ pub fn find(program: &str, folder: Option<&Path>) -> Option<PathBuf> {
     }
     let beside = std::env::current_exe().ok()?.parent()?.join(program);
     let paths = std::env::var_os("PATH").unwrap_or_default();
-    let on_path = std::env::split_paths(&paths).map(|folder| folder.join(program)).collect::<Vec<_>>();
+    let on_path = std::env::split_paths(&paths)
+        .map(|folder| folder.join(program))
+        .collect::<Vec<_>>();
     std::iter::once(beside).chain(on_path).find(runs)
 }
 

@@ -4,6 +4,7 @@ use crate::commands::{self, DEFAULT_SYSTEM, find, listen};
 use crate::status;
 use crate::supervisor::{Seen, Supervisor};
 use crate::system::System;
+use crate::watch::LATENCY_MAX_NS;
 use clap::Args;
 use hdrhistogram::Histogram;
 use messages::{Header, ServiceState, Sinkage, Terrain};
@@ -59,9 +60,15 @@ pub fn run(arguments: &DemoArguments) -> Result<ExitCode, Error> {
     commands::check_configs(&system, None)?;
     let termination = listen()?;
     let mut supervisor = Supervisor::new(system, None, termination.clone())?;
-    let rover = simulation::Config { seed: u64::from(arguments.seed), ..simulation::Config::default() };
+    let rover = simulation::Config {
+        seed: u64::from(arguments.seed),
+        ..simulation::Config::default()
+    };
     let mut tally = Tally::new(Rover::new(rover), supervisor.started_ns());
-    eprintln!("terrasense: a simulated rover drives for {} s; every service is a process of its own", arguments.seconds);
+    eprintln!(
+        "terrasense: a simulated rover drives for {} s; every service is a process of its own",
+        arguments.seconds
+    );
     supervisor.start(|seen| tally.see(seen))?;
     let mut screen = Screen::new();
     let until_ns = now_ns() + arguments.seconds * 1_000_000_000;
@@ -70,19 +77,25 @@ pub fn run(arguments: &DemoArguments) -> Result<ExitCode, Error> {
         screen.draw(&mut supervisor, &tally);
     }
     let report = status::rows(&supervisor.report());
-    let given_up = supervisor.services().values().any(|service| service.state == ServiceState::GIVEN_UP);
+    let given_up = supervisor
+        .services()
+        .values()
+        .any(|service| service.state == ServiceState::GIVEN_UP);
     supervisor.stop(|_| ())?;
     screen.close(&mut supervisor);
     println!("{}\n\n{}", status::table(&report), tally.summary());
     if given_up || tally.cycles == 0 {
-        return Err(Error::internal("a service has ended, or no cycle was completed; see above"));
+        return Err(Error::internal(
+            "a service has ended, or no cycle was completed; see above",
+        ));
     }
     Ok(ExitCode::SUCCESS)
 }
 
 fn system(seed: u32) -> Result<System, Error> {
-    let mut document: DocumentMut =
-        DEFAULT_SYSTEM.parse().map_err(|error| Error::internal(format!("the built-in rover.toml: {error}")))?;
+    let mut document: DocumentMut = DEFAULT_SYSTEM
+        .parse()
+        .map_err(|error| Error::internal(format!("the built-in rover.toml: {error}")))?;
     // Several demos can run at once.
     document["system"]["name"] = value(format!("demo_{}", std::process::id()));
     for source in ["camera", "telemetry"] {
@@ -98,7 +111,8 @@ impl Tally {
             rover,
             started_ns,
             frames: VecDeque::with_capacity(FRAMES_REMEMBERED),
-            latencies: Histogram::new(3).unwrap_or_else(|_| unreachable!("three digits are possible")),
+            latencies: Histogram::new_with_bounds(1, LATENCY_MAX_NS, 3)
+                .unwrap_or_else(|_| unreachable!("the bounds are right")),
             cycles: 0,
             first_sequence: None,
             last_sequence: 0,
@@ -145,9 +159,13 @@ impl Tally {
         self.cycles += 1;
         self.first_sequence.get_or_insert(sample.header.sequence);
         self.last_sequence = sample.header.sequence;
-        let sent = self.frames.iter().find(|(sequence, _)| *sequence == sample.header.sequence);
+        let sent = self
+            .frames
+            .iter()
+            .find(|(sequence, _)| *sequence == sample.header.sequence);
         if let Some((_, sent_ns)) = sent {
-            self.latencies.saturating_record(sample.header.published_ns.saturating_sub(*sent_ns).max(1));
+            self.latencies
+                .saturating_record(sample.header.published_ns.saturating_sub(*sent_ns).max(1));
         }
         let truth = self.truth(&sample.header);
         if sample.valid & Terrain::CLASS != 0 {
@@ -161,18 +179,24 @@ impl Tally {
     }
 
     fn truth(&self, header: &Header) -> State {
-        self.rover.state(header.taken_ns.saturating_sub(self.started_ns) as f64 * 1e-9)
+        self.rover
+            .state(header.taken_ns.saturating_sub(self.started_ns) as f64 * 1e-9)
     }
 
     /// The latest cycle against the truth, a line a quantity.
     fn cycle(&self) -> Vec<String> {
-        let Some(cycle) = &self.latest else { return vec!["no cycle yet".into()] };
+        let Some(cycle) = &self.latest else {
+            return vec!["no cycle yet".into()];
+        };
         let truth = self.truth(&cycle.header);
         let soil = &self.rover.soils()[truth.soil];
         let unknown = if cycle.unknown != 0 { " (unknown)" } else { "" };
         let status = cycle.header.status.word().unwrap_or("?");
         vec![
-            format!("cycle {:<8} {status:<12}          estimate              truth", cycle.header.sequence),
+            format!(
+                "cycle {:<8} {status:<12}          estimate              truth",
+                cycle.header.sequence
+            ),
             format!(
                 "  sinkage          mm {:>10.1} ± {:<8.1} {:>10.1}",
                 1e3 * cycle.sinkage_m,
@@ -251,7 +275,12 @@ struct Screen {
 
 impl Screen {
     fn new() -> Self {
-        Self { terminal: std::io::stdout().is_terminal(), drawn_ns: 0, lines: 0, log: VecDeque::new() }
+        Self {
+            terminal: std::io::stdout().is_terminal(),
+            drawn_ns: 0,
+            lines: 0,
+            log: VecDeque::new(),
+        }
     }
 
     fn draw(&mut self, supervisor: &mut Supervisor, tally: &Tally) {
@@ -267,7 +296,11 @@ impl Screen {
         }
         let mut lines = tally.cycle();
         lines.push(String::new());
-        lines.extend(status::table(&status::rows(&supervisor.report())).lines().map(str::to_owned));
+        lines.extend(
+            status::table(&status::rows(&supervisor.report()))
+                .lines()
+                .map(str::to_owned),
+        );
         lines.push(String::new());
         lines.extend(self.log.iter().cloned());
         self.erase();
@@ -306,7 +339,9 @@ impl Screen {
 impl Tally {
     /// The latest cycle on one line.
     fn line(&self) -> String {
-        let Some(cycle) = &self.latest else { return "no cycle yet".into() };
+        let Some(cycle) = &self.latest else {
+            return "no cycle yet".into();
+        };
         let soil = &self.rover.soils()[self.truth(&cycle.header).soil];
         format!(
             "cycle {:>6}  z {:>5.1} mm  c {:>6.0} ± {:<5.0} Pa (true {:>5.0})  φ {:>5.1} ± {:<4.1}° (true {:>4.1})  {} (true {})",
@@ -318,7 +353,11 @@ impl Tally {
             cycle.friction_rad.to_degrees(),
             cycle.friction_sigma_rad.to_degrees(),
             soil.friction_rad.to_degrees(),
-            if cycle.unknown != 0 { "unknown" } else { cycle.class_text() },
+            if cycle.unknown != 0 {
+                "unknown"
+            } else {
+                cycle.class_text()
+            },
             soil.name
         )
     }

@@ -38,7 +38,14 @@ struct Finding {
 
 /// Looks at the machine; exit code 1 where something needed is missing.
 pub fn run(arguments: &DoctorArguments) -> Result<ExitCode, Error> {
-    let findings = [shared_memory(), programs(), leftovers(), locked_memory(), priority(), cores()];
+    let findings = [
+        shared_memory(),
+        programs(),
+        leftovers(),
+        locked_memory(),
+        priority(),
+        cores(),
+    ];
     if arguments.json {
         let text = serde_json::to_string_pretty(&findings).map_err(|error| Error::internal(error.to_string()))?;
         println!("{text}");
@@ -65,7 +72,10 @@ pub fn clean(arguments: &CleanArguments) -> Result<ExitCode, Error> {
     }
     for trace in traces {
         if !trace.runs && root::clean(&trace.name)? {
-            println!("removed what system `{}` had left ({} files in shared memory)", trace.name, trace.files);
+            println!(
+                "removed what system `{}` had left ({} files in shared memory)",
+                trace.name, trace.files
+            );
         } else {
             println!("system `{}` runs; left as it is", trace.name);
         }
@@ -77,16 +87,35 @@ fn shared_memory() -> Finding {
     let (fine, found) = match rustix::fs::statvfs("/dev/shm") {
         Ok(about) => {
             let free = about.f_bavail * about.f_frsize;
-            let remedy = if free < SPACE_MIN_BYTES { "; enlarge it: mount -o remount,size=512M /dev/shm" } else { "" };
-            (free >= SPACE_MIN_BYTES, format!("{} MiB free in /dev/shm{remedy}", free >> 20))
+            let remedy = if free < SPACE_MIN_BYTES {
+                "; enlarge it: mount -o remount,size=512M /dev/shm"
+            } else {
+                ""
+            };
+            (
+                free >= SPACE_MIN_BYTES,
+                format!("{} MiB free in /dev/shm{remedy}", free >> 20),
+            )
         }
         Err(error) => (false, format!("/dev/shm: {error}; mount a tmpfs there")),
     };
-    Finding { what: "shared memory", fine, needed: true, found }
+    Finding {
+        what: "shared memory",
+        fine,
+        needed: true,
+        found,
+    }
 }
 
 fn programs() -> Finding {
-    let services = ["camera", "telemetry", "sinkage", "terramechanics", "vibration", "terrain"];
+    let services = [
+        "camera",
+        "telemetry",
+        "sinkage",
+        "terramechanics",
+        "vibration",
+        "terrain",
+    ];
     let missing: Vec<String> = services
         .iter()
         .map(|service| format!("terrasense-{service}"))
@@ -95,9 +124,17 @@ fn programs() -> Finding {
     let found = if missing.is_empty() {
         "all services are installed".to_owned()
     } else {
-        format!("missing beside `terrasense` and on PATH: {}; build them: cargo build --release", missing.join(", "))
+        format!(
+            "missing beside `terrasense` and on PATH: {}; build them: cargo build --release",
+            missing.join(", ")
+        )
     };
-    Finding { what: "programs", fine: missing.is_empty(), needed: true, found }
+    Finding {
+        what: "programs",
+        fine: missing.is_empty(),
+        needed: true,
+        found,
+    }
 }
 
 fn leftovers() -> Finding {
@@ -106,9 +143,17 @@ fn leftovers() -> Finding {
     let found = if dead.is_empty() {
         "none".to_owned()
     } else {
-        format!("killed systems left files in /dev/shm: {}; remove them: terrasense clean", names.join(", "))
+        format!(
+            "killed systems left files in /dev/shm: {}; remove them: terrasense clean",
+            names.join(", ")
+        )
     };
-    Finding { what: "leftovers", fine: dead.is_empty(), needed: false, found }
+    Finding {
+        what: "leftovers",
+        fine: dead.is_empty(),
+        needed: false,
+        found,
+    }
 }
 
 fn locked_memory() -> Finding {
@@ -118,18 +163,37 @@ fn locked_memory() -> Finding {
         None => "unlimited".to_owned(),
         Some(bytes) => format!("{} KiB may be locked", bytes >> 10),
     };
-    Finding { what: "locked memory", fine: enough, needed: false, found }
+    Finding {
+        what: "locked memory",
+        fine: enough,
+        needed: false,
+        found,
+    }
 }
 
 fn priority() -> Finding {
     let limit = rustix::process::getrlimit(rustix::process::Resource::Rtprio).current;
     let root = rustix::process::geteuid().is_root();
     let fine = root || limit.is_none_or(|most| most > 0);
-    let found = if fine { "real-time priorities are allowed" } else { "no real-time priorities (ulimit -r)" };
-    Finding { what: "priority", fine, needed: false, found: found.into() }
+    let found = if fine {
+        "real-time priorities are allowed"
+    } else {
+        "no real-time priorities (ulimit -r)"
+    };
+    Finding {
+        what: "priority",
+        fine,
+        needed: false,
+        found: found.into(),
+    }
 }
 
 fn cores() -> Finding {
     let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-    Finding { what: "cores", fine: cores >= 2, needed: false, found: format!("{cores}") }
+    Finding {
+        what: "cores",
+        fine: cores >= 2,
+        needed: false,
+        found: format!("{cores}"),
+    }
 }

@@ -74,7 +74,11 @@ impl Policy {
                 Decision::GiveUp("it is not to be restarted".into())
             };
         }
-        while self.restarts.front().is_some_and(|at| now_ns.saturating_sub(*at) > self.period_ns) {
+        while self
+            .restarts
+            .front()
+            .is_some_and(|at| now_ns.saturating_sub(*at) > self.period_ns)
+        {
             self.restarts.pop_front();
         }
         if self.restarts.len() >= self.intensity {
@@ -87,7 +91,9 @@ impl Policy {
             self.short_runs = 0;
             return Decision::RestartAt(now_ns);
         }
-        let pause_ns = PAUSE_FIRST_NS.saturating_mul(1 << self.short_runs.min(16)).min(PAUSE_MAX_NS);
+        let pause_ns = PAUSE_FIRST_NS
+            .saturating_mul(1 << self.short_runs.min(16))
+            .min(PAUSE_MAX_NS);
         self.short_runs += 1;
         Decision::RestartAt(now_ns + pause_ns)
     }
@@ -106,7 +112,10 @@ mod tests {
 
     #[test]
     fn a_service_that_ran_long_enough_is_back_at_once() {
-        assert_eq!(policy("").on_end(KILLED, 0, 2 * SECOND), Decision::RestartAt(2 * SECOND));
+        assert_eq!(
+            policy("").on_end(KILLED, 0, 2 * SECOND),
+            Decision::RestartAt(2 * SECOND)
+        );
     }
 
     #[test]
@@ -115,7 +124,9 @@ mod tests {
         let mut now = 0;
         let mut pauses_ms = Vec::new();
         for _ in 0..5 {
-            let Decision::RestartAt(at) = policy.on_end(KILLED, now, now + 1) else { panic!() };
+            let Decision::RestartAt(at) = policy.on_end(KILLED, now, now + 1) else {
+                panic!()
+            };
             pauses_ms.push((at - now) / MS_NS);
             now = at;
         }
@@ -139,15 +150,24 @@ mod tests {
 
     #[test]
     fn a_configuration_error_is_not_tried_again() {
-        assert!(matches!(policy("").on_end(Ending::Code(78), 0, 9 * SECOND), Decision::GiveUp(_)));
+        assert!(matches!(
+            policy("").on_end(Ending::Code(78), 0, 9 * SECOND),
+            Decision::GiveUp(_)
+        ));
     }
 
     #[test]
     fn the_restart_rule_decides_about_a_clean_end() {
         let clean = Ending::Code(0);
-        assert_eq!(policy("restart = 'on_failure'").on_end(clean, 0, 9 * SECOND), Decision::Rest);
+        assert_eq!(
+            policy("restart = 'on_failure'").on_end(clean, 0, 9 * SECOND),
+            Decision::Rest
+        );
         assert_eq!(policy("restart = 'never'").on_end(clean, 0, 9 * SECOND), Decision::Rest);
         assert_eq!(policy("").on_end(clean, 0, 9 * SECOND), Decision::RestartAt(9 * SECOND));
-        assert!(matches!(policy("restart = 'never'").on_end(KILLED, 0, 9 * SECOND), Decision::GiveUp(_)));
+        assert!(matches!(
+            policy("restart = 'never'").on_end(KILLED, 0, 9 * SECOND),
+            Decision::GiveUp(_)
+        ));
     }
 }

@@ -20,7 +20,12 @@ impl Process {
     /// The program cannot be started.
     pub fn start(program: &Path, arguments: &[String], system: &str, service: &str) -> Result<Self, Error> {
         let mut command = Command::new(program);
-        command.args(arguments).arg(system).arg(service).stdin(Stdio::null()).stdout(Stdio::null());
+        command
+            .args(arguments)
+            .arg(system)
+            .arg(service)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null());
         shell::bind_to_parent(&mut command);
         shell::harden_descriptors();
         let child = command
@@ -56,7 +61,10 @@ impl Process {
     /// # Errors
     /// The system has lost the child.
     pub fn ended(&mut self) -> Result<Option<Ending>, Error> {
-        let status = self.child.try_wait().map_err(|error| Error::internal(format!("cannot wait for a child: {error}")))?;
+        let status = self
+            .child
+            .try_wait()
+            .map_err(|error| Error::internal(format!("cannot wait for a child: {error}")))?;
         let Some(status) = status else { return Ok(None) };
         // What the service has started itself must not outlive it.
         self.signal(Signal::KILL);

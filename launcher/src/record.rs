@@ -37,7 +37,16 @@ impl Recording {
         let partial = folder.join(format!(".{name}.csv.partial"));
         let file = File::create(&partial).map_err(|error| Error::data(format!("{}: {error}", partial.display())))?;
         let file = BufWriter::new(file);
-        Ok(Self { file, partial, path, port, header_written: false, waiting: Vec::new(), classes: 0, rows: 0 })
+        Ok(Self {
+            file,
+            partial,
+            path,
+            port,
+            header_written: false,
+            waiting: Vec::new(),
+            classes: 0,
+            rows: 0,
+        })
     }
 
     /// Adds a sample.
@@ -49,7 +58,9 @@ impl Recording {
             return Ok(());
         }
         self.rows += 1;
-        let class = TerrainClass::ref_from_bytes(bytes).ok().filter(|_| self.port == Port::Class);
+        let class = TerrainClass::ref_from_bytes(bytes)
+            .ok()
+            .filter(|_| self.port == Port::Class);
         if let (Some(sample), false) = (class, self.header_written) {
             if sample.class_count == 0 && self.waiting.len() < UNLABELLED_MAX {
                 self.waiting.push(self.row(header, bytes, None));
@@ -95,7 +106,10 @@ impl Recording {
     }
 
     fn row(&self, header: &Header, bytes: &[u8], class: Option<&TerrainClass>) -> String {
-        let status = header.status.word().map_or_else(|| header.status.0.to_string(), str::to_owned);
+        let status = header
+            .status
+            .word()
+            .map_or_else(|| header.status.0.to_string(), str::to_owned);
         let mut row = format!("{},{},{status}", seconds(header.taken_ns), header.sequence);
         for field in columns(self.port) {
             match (field.name, class) {
@@ -113,7 +127,10 @@ impl Recording {
     }
 
     fn line(&mut self, text: &str) -> Result<(), Error> {
-        let written = self.file.write_all(text.as_bytes()).and_then(|()| self.file.write_all(b"\n"));
+        let written = self
+            .file
+            .write_all(text.as_bytes())
+            .and_then(|()| self.file.write_all(b"\n"));
         written.map_err(|error| Error::data(format!("{}: {error}", self.partial.display())))
     }
 }
@@ -136,7 +153,9 @@ fn columns(port: Port) -> impl Iterator<Item = &'static Field> {
 
 fn column_names(field: &Field) -> Vec<String> {
     if field.name == "homography" {
-        return (1..=3).flat_map(|row| (1..=3).map(move |column| format!("h{row}{column}"))).collect();
+        return (1..=3)
+            .flat_map(|row| (1..=3).map(move |column| format!("h{row}{column}")))
+            .collect();
     }
     match field.name.strip_suffix("_ns") {
         Some(name) => vec![format!("{name}_s")],
@@ -147,7 +166,12 @@ fn column_names(field: &Field) -> Vec<String> {
 fn write_value(row: &mut String, field: &Field, index: usize, bytes: &[u8]) {
     let start = field.offset + index * field.kind.size();
     let value = bytes.get(start..start + field.kind.size()).unwrap_or(&[]);
-    let number = |bytes: &[u8]| bytes.iter().rev().fold(0_u64, |number, byte| number << 8 | u64::from(*byte));
+    let number = |bytes: &[u8]| {
+        bytes
+            .iter()
+            .rev()
+            .fold(0_u64, |number, byte| number << 8 | u64::from(*byte))
+    };
     let integer = number(value);
     match field.kind {
         Kind::F64 => return write_float(row, f64::from_bits(integer)),
@@ -182,7 +206,11 @@ fn seconds(ns: u64) -> String {
 }
 
 fn cell(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
+    if text.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
 }
 
 #[cfg(test)]
@@ -203,19 +231,35 @@ mod tests {
 
     #[test]
     fn a_row_has_the_fields_by_name_and_missing_values_are_empty() {
-        let header = Header { taken_ns: 1_250_000_000, sequence: 7, ..Header::default() };
+        let header = Header {
+            taken_ns: 1_250_000_000,
+            sequence: 7,
+            ..Header::default()
+        };
         let mut sample = Sinkage::unknown(header.answer(Status::UNCERTAIN));
         sample.left_rad = 0.25;
         let text = record(Port::Sinkage, &[(&sample.header, sample.as_bytes())]);
         let mut lines = text.lines();
-        assert!(lines.next().unwrap().starts_with("taken_s,sequence,status,left_rad,left_sigma_rad,right_rad"));
+        assert!(
+            lines
+                .next()
+                .unwrap()
+                .starts_with("taken_s,sequence,status,left_rad,left_sigma_rad,right_rad")
+        );
         assert_eq!(lines.next().unwrap(), "1.25,7,uncertain,0.25,,,,,,,,,,,,");
     }
 
     #[test]
     fn classes_are_columns_by_their_names_also_for_rows_that_came_before_them() {
-        let early = TerrainClass::undecided(Header { status: Status::WARMING_UP, ..Header::default() });
-        let mut later = TerrainClass::undecided(Header { taken_ns: 1_000_000_000, sequence: 1, ..Header::default() });
+        let early = TerrainClass::undecided(Header {
+            status: Status::WARMING_UP,
+            ..Header::default()
+        });
+        let mut later = TerrainClass::undecided(Header {
+            taken_ns: 1_000_000_000,
+            sequence: 1,
+            ..Header::default()
+        });
         later.class_count = 2;
         later.class = 1;
         later.unknown = 0;

@@ -49,11 +49,15 @@ pub fn run(arguments: &ReplayArguments) -> Result<ExitCode, Error> {
     let parts = parts(folder)?;
     let system = system(arguments, &description, parts)?;
     commands::check_configs(&system, None)?;
-    std::fs::create_dir_all(&arguments.out).map_err(|error| Error::data(format!("{}: {error}", arguments.out.display())))?;
+    std::fs::create_dir_all(&arguments.out)
+        .map_err(|error| Error::data(format!("{}: {error}", arguments.out.display())))?;
     let mut recordings = BTreeMap::new();
     for (wire, about) in &system.wires {
         remove_earlier(&arguments.out, about.port)?;
-        recordings.insert(wire.clone(), Recording::create(&arguments.out, about.port.name(), about.port)?);
+        recordings.insert(
+            wire.clone(),
+            Recording::create(&arguments.out, about.port.name(), about.port)?,
+        );
     }
     let termination = listen()?;
     let mut supervisor = Supervisor::new(system, None, termination.clone())?;
@@ -61,7 +65,13 @@ pub fn run(arguments: &ReplayArguments) -> Result<ExitCode, Error> {
     supervisor.stop(|_| ())?;
     outcome?;
     for (wire, recording) in recordings {
-        println!("{:<24} {:>8} rows  {}/{}.csv", wire, recording.rows, arguments.out.display(), name_of(&supervisor, &wire));
+        println!(
+            "{:<24} {:>8} rows  {}/{}.csv",
+            wire,
+            recording.rows,
+            arguments.out.display(),
+            name_of(&supervisor, &wire)
+        );
         recording.finish()?;
     }
     Ok(ExitCode::SUCCESS)
@@ -84,7 +94,12 @@ fn play(
                 failure.get_or_insert(error);
             }
             if recording.rows % 64 == 0 {
-                bar.set_message(format!("{:.1} s of the traverse, {} {}", header.taken_ns as f64 * 1e-9, recording.rows, port.name()));
+                bar.set_message(format!(
+                    "{:.1} s of the traverse, {} {}",
+                    header.taken_ns as f64 * 1e-9,
+                    recording.rows,
+                    port.name()
+                ));
             }
         }
         progress_ns
@@ -98,15 +113,21 @@ fn play(
             return Err(Error::internal("interrupted; nothing was written"));
         }
         let wires = &supervisor.system().wires;
-        let going: Vec<&String> =
-            wires.keys().filter(|wire| !supervisor.watch(wire).is_some_and(|watch| watch.ended)).collect();
+        let going: Vec<&String> = wires
+            .keys()
+            .filter(|wire| !supervisor.watch(wire).is_some_and(|watch| watch.ended))
+            .collect();
         if going.is_empty() {
             break;
         }
         if now_ns().saturating_sub(last_ns) > STALL_NS {
-            let wires = going.iter().map(|wire| format!("{wire} (by {})", supervisor.system().wires[*wire].writer));
+            let wires = going
+                .iter()
+                .map(|wire| format!("{wire} (by {})", supervisor.system().wires[*wire].writer));
             let list = wires.collect::<Vec<_>>().join(", ");
-            return Err(Error::internal(format!("no sample for 30 s, and no end on: {list}; nothing was written")));
+            return Err(Error::internal(format!(
+                "no sample for 30 s, and no end on: {list}; nothing was written"
+            )));
         }
     }
     bar.finish_and_clear();
@@ -124,11 +145,15 @@ fn check_endings(supervisor: &mut Supervisor) -> Result<(), Error> {
         return Ok(());
     };
     match ending {
-        Some(Ending::Code(65)) => Err(Error::data(format!("{name} could not read the traverse; nothing was written"))),
+        Some(Ending::Code(65)) => Err(Error::data(format!(
+            "{name} could not read the traverse; nothing was written"
+        ))),
         Some(Ending::Code(78)) => Err(Error::config(format!("{name} was refused its configuration"))),
         _ => {
             say(supervisor);
-            Err(Error::internal(format!("{name} ended before the traverse did; nothing was written")))
+            Err(Error::internal(format!(
+                "{name} ended before the traverse did; nothing was written"
+            )))
         }
     }
 }
@@ -137,7 +162,10 @@ fn describe(folder: &Path) -> Result<Traverse, Error> {
     let path = folder.join("traverse.toml");
     let shown = path.display().to_string();
     let text = std::fs::read_to_string(&path).map_err(|error| {
-        Error::data(format!("{shown}: {error}; a traverse folder needs at least:\n{}", Traverse::EXAMPLE))
+        Error::data(format!(
+            "{shown}: {error}; a traverse folder needs at least:\n{}",
+            Traverse::EXAMPLE
+        ))
     })?;
     Traverse::parse(&shown, &text).map_err(|error| Error::data(error.to_string()))
 }
@@ -169,8 +197,9 @@ fn system(arguments: &ReplayArguments, description: &Traverse, parts: Parts) -> 
         Some(path) => (path.clone(), SystemFile::read(path)?.text),
         None => ("the built-in rover.toml".to_owned(), DEFAULT_SYSTEM.to_owned()),
     };
-    let mut document: DocumentMut =
-        text.parse().map_err(|error| Error::config(format!("{path}: {error}")))?;
+    let mut document: DocumentMut = text
+        .parse()
+        .map_err(|error| Error::config(format!("{path}: {error}")))?;
     document["system"]["name"] = value(format!("replay_{}", std::process::id()));
     document["system"]["mode"] = value("replay");
     let folder = commands::absolute(&arguments.traverse.display().to_string())?;
@@ -180,7 +209,9 @@ fn system(arguments: &ReplayArguments, description: &Traverse, parts: Parts) -> 
     feed(services, &folder, parts);
     keep_fed(services);
     if services.is_empty() {
-        return Err(Error::data(format!("{folder}: no service of {path} has the inputs it needs in this traverse")));
+        return Err(Error::data(format!(
+            "{folder}: no service of {path} has the inputs it needs in this traverse"
+        )));
     }
     for (_, service) in services.iter_mut() {
         service["restart"] = value("never");
@@ -188,7 +219,11 @@ fn system(arguments: &ReplayArguments, description: &Traverse, parts: Parts) -> 
         configure(service, description);
     }
     let file = SystemFile::parse(&path, &document.to_string())?;
-    let beside = arguments.system.as_deref().and_then(|path| Path::new(path).parent()).map(Path::to_path_buf);
+    let beside = arguments
+        .system
+        .as_deref()
+        .and_then(|path| Path::new(path).parent())
+        .map(Path::to_path_buf);
     System::check(file, |program| find(program, beside.as_deref()))
 }
 
@@ -203,14 +238,27 @@ fn feed(services: &mut Table, folder: &str, parts: Parts) {
         }
     }
     for (_, service) in services.iter_mut() {
-        let is_source = service.get("inputs").and_then(Item::as_table_like).is_none_or(|inputs| inputs.is_empty());
+        let is_source = service
+            .get("inputs")
+            .and_then(Item::as_table_like)
+            .is_none_or(|inputs| inputs.is_empty());
         if !is_source {
             continue;
         }
-        service["config"] = value(toml_edit::InlineTable::from_iter([("source", "recorded"), ("folder", folder)]));
-        let absent = [(Port::Frames, parts.frames), (Port::Wheel, parts.wheel), (Port::Vibration, parts.vibration)];
+        service["config"] = value(toml_edit::InlineTable::from_iter([
+            ("source", "recorded"),
+            ("folder", folder),
+        ]));
+        let absent = [
+            (Port::Frames, parts.frames),
+            (Port::Wheel, parts.wheel),
+            (Port::Vibration, parts.vibration),
+        ];
         if let Some(outputs) = service.get_mut("outputs").and_then(Item::as_table_like_mut) {
-            absent.iter().filter(|(_, there)| !there).for_each(|(port, _)| drop(outputs.remove(port.name())));
+            absent
+                .iter()
+                .filter(|(_, there)| !there)
+                .for_each(|(port, _)| drop(outputs.remove(port.name())));
         }
     }
 }
@@ -268,7 +316,11 @@ fn configure(service: &mut Item, description: &Traverse) {
             ("entry_sigma_rad", sensors.entry_sigma_rad),
             ("slip_sigma", sensors.slip_sigma),
         ];
-        settings.extend(given.into_iter().filter_map(|(key, number)| Some((key, number?.into()))));
+        settings.extend(
+            given
+                .into_iter()
+                .filter_map(|(key, number)| Some((key, number?.into()))),
+        );
     }
     let source = wires(service, "inputs").is_empty();
     for (key, setting) in settings.into_iter().filter(|_| !source) {
@@ -278,7 +330,9 @@ fn configure(service: &mut Item, description: &Traverse) {
 
 fn writer_of(services: &Table, port: Port) -> Option<(String, String)> {
     services.iter().find_map(|(name, service)| {
-        let found = wires(service, "outputs").into_iter().find(|(output, _)| output == port.name());
+        let found = wires(service, "outputs")
+            .into_iter()
+            .find(|(output, _)| output == port.name());
         found.map(|(_, wire)| (name.to_owned(), wire))
     })
 }
@@ -287,7 +341,9 @@ fn writer_of(services: &Table, port: Port) -> Option<(String, String)> {
 fn wires(service: &Item, direction: &str) -> Vec<(String, String)> {
     let table = service.get(direction).and_then(Item::as_table_like);
     let pairs = table.into_iter().flat_map(|table| table.iter());
-    pairs.filter_map(|(port, wire)| Some((port.to_owned(), wire.as_str()?.to_owned()))).collect()
+    pairs
+        .filter_map(|(port, wire)| Some((port.to_owned(), wire.as_str()?.to_owned())))
+        .collect()
 }
 
 fn remove_earlier(folder: &Path, port: Port) -> Result<(), Error> {

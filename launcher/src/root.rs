@@ -37,13 +37,22 @@ impl Root {
             )));
         };
         let (folder, prefix) = (system.root().into(), system.prefix());
-        let root = Self { folder, prefix, lock_path, started_ns: now_ns(), _lock: lock };
+        let root = Self {
+            folder,
+            prefix,
+            lock_path,
+            started_ns: now_ns(),
+            _lock: lock,
+        };
         if root.folder.exists() {
             root.vacated(system)?;
         }
         wipe(&root.folder, &root.prefix);
         let failed = |error| Error::unavailable(format!("cannot make {}: {error}", root.folder.display()));
-        std::fs::DirBuilder::new().mode(0o700).create(&root.folder).map_err(failed)?;
+        std::fs::DirBuilder::new()
+            .mode(0o700)
+            .create(&root.folder)
+            .map_err(failed)?;
         root.write("started_ns", &root.started_ns.to_string())?;
         Ok(root)
     }
@@ -110,16 +119,19 @@ pub fn traces() -> Vec<Trace> {
     names.dedup();
     names
         .into_iter()
-        .map(|name| Trace { runs: runs(&name), files: entries_of(&name).len(), name })
+        .map(|name| Trace {
+            runs: runs(&name),
+            files: entries_of(&name).len(),
+            name,
+        })
         .collect()
 }
 
 /// Whether the launcher of a system runs.
 #[must_use]
 pub fn runs(name: &str) -> bool {
-    lock_path(name).exists() && File::open(lock_path(name)).is_ok_and(|file| {
-        flock(&file, FlockOperation::NonBlockingLockShared).is_err()
-    })
+    lock_path(name).exists()
+        && File::open(lock_path(name)).is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockShared).is_err())
 }
 
 /// Removes what a killed launcher left; false where the system runs.
@@ -128,8 +140,13 @@ pub fn runs(name: &str) -> bool {
 /// The lock cannot be taken.
 pub fn clean(name: &str) -> Result<bool, Error> {
     let path = lock_path(name);
-    let Some(_lock) = try_lock(&path)? else { return Ok(false) };
-    wipe(&Path::new(SHARED_MEMORY).join(format!("{NAME}{name}")), &format!("{NAME}{name}-"));
+    let Some(_lock) = try_lock(&path)? else {
+        return Ok(false);
+    };
+    wipe(
+        &Path::new(SHARED_MEMORY).join(format!("{NAME}{name}")),
+        &format!("{NAME}{name}-"),
+    );
     let _ = std::fs::remove_file(path);
     Ok(true)
 }
@@ -173,13 +190,20 @@ fn own_entries() -> Vec<PathBuf> {
 fn entries_of(name: &str) -> Vec<PathBuf> {
     let (whole, prefix) = (format!("{NAME}{name}"), format!("{NAME}{name}-"));
     let belongs = |file: &str| file == whole || file.starts_with(&prefix);
-    own_entries().into_iter().filter(|path| path.file_name().and_then(|file| file.to_str()).is_some_and(belongs)).collect()
+    own_entries()
+        .into_iter()
+        .filter(|path| path.file_name().and_then(|file| file.to_str()).is_some_and(belongs))
+        .collect()
 }
 
 fn wipe(folder: &Path, prefix: &str) {
     let _ = std::fs::remove_dir_all(folder);
     for path in own_entries() {
-        if path.file_name().and_then(|file| file.to_str()).is_some_and(|file| file.starts_with(prefix)) {
+        if path
+            .file_name()
+            .and_then(|file| file.to_str())
+            .is_some_and(|file| file.starts_with(prefix))
+        {
             let _ = std::fs::remove_file(path);
         }
     }

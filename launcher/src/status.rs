@@ -53,7 +53,10 @@ pub struct Row {
 /// Prints the table of a running system.
 pub fn run(arguments: &StatusArguments) -> Result<ExitCode, Error> {
     let not_running = || {
-        Error::unavailable(format!("no system `{0}` runs; start it with `terrasense up` (names: --name)", arguments.name))
+        Error::unavailable(format!(
+            "no system `{0}` runs; start it with `terrasense up` (names: --name)",
+            arguments.name
+        ))
     };
     if !root::runs(&arguments.name) {
         return Err(not_running());

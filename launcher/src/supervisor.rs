@@ -6,7 +6,9 @@ use crate::root::Root;
 use crate::system::System;
 use crate::watch::Watch;
 use messages::{Header, ServiceState, Status, Supervision, label};
-use shell::{AnyTap, Domain, Error, HeldWire, Mode, Output, Port, Role, SUPERVISION_WIRE, Termination, now_ns, sleep_until};
+use shell::{
+    AnyTap, Domain, Error, HeldWire, Mode, Output, Port, Role, SUPERVISION_WIRE, Termination, now_ns, sleep_until,
+};
 use std::collections::BTreeMap;
 use zerocopy::FromZeros;
 
@@ -95,7 +97,15 @@ impl Supervisor {
         for (name, wire) in &system.wires {
             let held = domain.create(name, wire.port)?;
             let tap = domain.tap(name, wire.port)?;
-            wires.insert(name.clone(), WatchedWire { port: wire.port, tap, watch: Watch::default(), held });
+            wires.insert(
+                name.clone(),
+                WatchedWire {
+                    port: wire.port,
+                    tap,
+                    watch: Watch::default(),
+                    held,
+                },
+            );
         }
         let supervision = domain.create_supervision()?;
         let report = domain.output(SUPERVISION_WIRE, termination.clone())?;
@@ -217,7 +227,11 @@ impl Supervisor {
     pub fn report(&self) -> Box<Supervision> {
         let mut table = Supervision::new_box_zeroed().unwrap_or_else(|_| unreachable!("a few kilobytes"));
         let now_ns = now_ns();
-        table.header = Header { taken_ns: now_ns, status: Status::OK, ..Header::default() };
+        table.header = Header {
+            taken_ns: now_ns,
+            status: Status::OK,
+            ..Header::default()
+        };
         table.launcher_pid = std::process::id();
         table.service_count = u32::try_from(self.services.len()).unwrap_or(0);
         for (row, (name, service)) in self.services.iter().enumerate() {
@@ -226,7 +240,10 @@ impl Supervisor {
             table.state[row] = service.state.0;
             table.generation[row] = service.generation;
             table.restarts[row] = service.restarts;
-            let watches = self.wires.iter().filter(|(wire, _)| self.system.wires[*wire].writer == *name);
+            let watches = self
+                .wires
+                .iter()
+                .filter(|(wire, _)| self.system.wires[*wire].writer == *name);
             for (_, wire) in watches {
                 table.published[row] += wire.watch.published;
                 table.lost[row] += wire.watch.lost;
@@ -241,7 +258,9 @@ impl Supervisor {
     }
 
     fn service(&mut self, name: &str) -> &mut Service {
-        self.services.get_mut(name).unwrap_or_else(|| unreachable!("the names are the system's"))
+        self.services
+            .get_mut(name)
+            .unwrap_or_else(|| unreachable!("the names are the system's"))
     }
 
     fn say(&mut self, text: String) {
@@ -271,11 +290,22 @@ impl Supervisor {
         let mut seen = 0;
         // In the graph's order: an answer then finds its trigger already counted.
         for port in Port::ALL {
-            let names: Vec<&String> = self.wires.iter().filter(|(_, wire)| wire.port == port).map(|(name, _)| name).collect();
+            let names: Vec<&String> = self
+                .wires
+                .iter()
+                .filter(|(_, wire)| wire.port == port)
+                .map(|(name, _)| name)
+                .collect();
             for name in names.into_iter().cloned().collect::<Vec<_>>() {
                 let trigger = self.trigger_of(&name);
-                let mut watch = self.wires.get_mut(&name).map(|wire| std::mem::take(&mut wire.watch)).unwrap_or_default();
-                let asking = trigger.and_then(|trigger| self.wires.get(&trigger)).map(|wire| &wire.watch);
+                let mut watch = self
+                    .wires
+                    .get_mut(&name)
+                    .map(|wire| std::mem::take(&mut wire.watch))
+                    .unwrap_or_default();
+                let asking = trigger
+                    .and_then(|trigger| self.wires.get(&trigger))
+                    .map(|wire| &wire.watch);
                 let tap = &self.wires[&name].tap;
                 for _ in 0..POLLS_MAX {
                     let more = tap.poll(&mut |header, bytes| {
@@ -335,7 +365,8 @@ impl Supervisor {
         let arguments = table.exec.get_ref()[1..].to_vec();
         let program = self.system.programs[name].clone();
         let generation = self.services[name].generation + 1;
-        self.root.write(&format!("{name}.generation"), &generation.to_string())?;
+        self.root
+            .write(&format!("{name}.generation"), &generation.to_string())?;
         let process = Process::start(&program, &arguments, &self.system_path, name);
         let service = self.service(name);
         service.generation = generation;
@@ -372,7 +403,10 @@ impl Supervisor {
             service.state = ServiceState::RUNNING;
             service.ready_ns = now_ns();
             let (pid, generation) = (service.pid(), service.generation);
-            self.say(format!("{name}: ready after {} ms (pid {pid}, start {generation})", waited_ns / MS_NS));
+            self.say(format!(
+                "{name}: ready after {} ms (pid {pid}, start {generation})",
+                waited_ns / MS_NS
+            ));
         } else if waited_ns > timeout_ms * MS_NS {
             self.end_hung(name, &format!("has not opened its wires within {timeout_ms} ms"));
         }
@@ -381,7 +415,9 @@ impl Supervisor {
     /// A service hangs if an answer has been due for longer than its deadline; a source's next sample always is.
     fn look_for_silence(&mut self, name: &str) {
         let table = &self.system.file.services[name];
-        let Some(deadline_ms) = table.deadline_ms.as_ref().map(|deadline| *deadline.get_ref()) else { return };
+        let Some(deadline_ms) = table.deadline_ms.as_ref().map(|deadline| *deadline.get_ref()) else {
+            return;
+        };
         let ready_ns = self.services[name].ready_ns;
         let silent = table.outputs.values().find_map(|wire| {
             let wire = wire.get_ref();
@@ -395,7 +431,10 @@ impl Supervisor {
             hangs.then(|| wire.clone())
         });
         if let Some(wire) = silent {
-            self.end_hung(name, &format!("has been silent on {wire} for more than {deadline_ms} ms"));
+            self.end_hung(
+                name,
+                &format!("has been silent on {wire} for more than {deadline_ms} ms"),
+            );
         }
     }
 
@@ -442,4 +481,3 @@ impl Supervisor {
         Ok(())
     }
 }
-

@@ -46,9 +46,16 @@ impl System {
         let wires = check_wires(&file, &mut problems);
         let order = check_order(&file, &wires, &mut problems);
         if problems.is_empty() {
-            return Ok(Self { file, order, programs, wires });
+            return Ok(Self {
+                file,
+                order,
+                programs,
+                wires,
+            });
         }
-        Err(Error::config(problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")))
+        Err(Error::config(
+            problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"),
+        ))
     }
 }
 
@@ -56,7 +63,9 @@ fn check_names(file: &SystemFile, problems: &mut Vec<Error>) {
     // No hyphen: it ends the name in `/dev/shm`, so that no system's files look like another's.
     let proper = |name: &str| {
         (1..=24).contains(&name.len())
-            && name.bytes().all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_')
+            && name
+                .bytes()
+                .all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_')
     };
     let name = &file.system.name;
     if !proper(name.get_ref()) {
@@ -73,7 +82,10 @@ fn check_names(file: &SystemFile, problems: &mut Vec<Error>) {
         }
     }
     if file.services.is_empty() {
-        problems.push(Error::config(format!("{}:1: no service; `terrasense default-system` prints an example", file.path)));
+        problems.push(Error::config(format!(
+            "{}:1: no service; `terrasense default-system` prints an example",
+            file.path
+        )));
     }
     if file.services.len() > SERVICES_MAX {
         problems.push(Error::config(format!(
@@ -131,7 +143,13 @@ fn check_numbers(file: &SystemFile, problems: &mut Vec<Error>) {
                 range(key, *value.get_ref(), value.span(), low, high);
             }
         }
-        range("intensity", u64::from(*table.intensity.get_ref()), table.intensity.span(), 0, 1000);
+        range(
+            "intensity",
+            u64::from(*table.intensity.get_ref()),
+            table.intensity.span(),
+            0,
+            1000,
+        );
     }
 }
 
@@ -139,7 +157,9 @@ fn check_wires(file: &SystemFile, problems: &mut Vec<Error>) -> BTreeMap<String,
     let mut wires: BTreeMap<String, Wire> = BTreeMap::new();
     for (name, table) in &file.services {
         for (port_name, wire) in &table.outputs {
-            let Some(port) = known_port(file, name, port_name, wire, problems) else { continue };
+            let Some(port) = known_port(file, name, port_name, wire, problems) else {
+                continue;
+            };
             match wires.get(wire.get_ref()) {
                 Some(other) => problems.push(file.error_at(
                     wire.span(),
@@ -151,14 +171,23 @@ fn check_wires(file: &SystemFile, problems: &mut Vec<Error>) -> BTreeMap<String,
                 )),
                 None => {
                     let readers = Vec::new();
-                    wires.insert(wire.get_ref().clone(), Wire { port, writer: name.clone(), readers });
+                    wires.insert(
+                        wire.get_ref().clone(),
+                        Wire {
+                            port,
+                            writer: name.clone(),
+                            readers,
+                        },
+                    );
                 }
             }
         }
     }
     for (name, table) in &file.services {
         for (port_name, wire) in &table.inputs {
-            let Some(port) = known_port(file, name, port_name, wire, problems) else { continue };
+            let Some(port) = known_port(file, name, port_name, wire, problems) else {
+                continue;
+            };
             if let Some(what) = connect(&mut wires, name, port, wire.get_ref()) {
                 problems.push(file.error_at(wire.span(), &what));
             }
@@ -169,18 +198,26 @@ fn check_wires(file: &SystemFile, problems: &mut Vec<Error>) -> BTreeMap<String,
 
 /// Adds a reader to a wire; says what is wrong where it cannot be.
 fn connect(wires: &mut BTreeMap<String, Wire>, name: &str, port: Port, wire: &str) -> Option<String> {
-    let same_kind: Vec<String> =
-        wires.iter().filter(|(_, other)| other.port == port).map(|(wire, _)| wire.clone()).collect();
+    let same_kind: Vec<String> = wires
+        .iter()
+        .filter(|(_, other)| other.port == port)
+        .map(|(wire, _)| wire.clone())
+        .collect();
     let Some(found) = wires.get_mut(wire) else {
         let remedy = match same_kind.first() {
             Some(known) => format!("did you mean \"{known}\"?"),
             None => format!("no service has an output `{}`; add one", port.name()),
         };
-        return Some(format!("nobody writes wire {wire}, the input `{}` of service `{name}`; {remedy}", port.name()));
+        return Some(format!(
+            "nobody writes wire {wire}, the input `{}` of service `{name}`; {remedy}",
+            port.name()
+        ));
     };
     if found.port != port {
         let (here, there) = (port.name(), found.port.name());
-        return Some(format!("wire {wire} carries `{there}`, but service `{name}` reads it as `{here}`"));
+        return Some(format!(
+            "wire {wire} carries `{there}`, but service `{name}` reads it as `{here}`"
+        ));
     }
     if found.readers.len() == READERS_MAX {
         return Some(format!("wire {wire} has more than {READERS_MAX} readers"));
@@ -211,7 +248,10 @@ fn known_port(
     let found = Port::named(port);
     if found.is_none() {
         let known: Vec<&str> = Port::ALL.iter().map(|port| port.name()).collect();
-        let what = format!("service `{service}` has no port `{port}`; the ports are {}", known.join(", "));
+        let what = format!(
+            "service `{service}` has no port `{port}`; the ports are {}",
+            known.join(", ")
+        );
         problems.push(file.error_at(wire.span(), &what));
     }
     found
@@ -223,9 +263,10 @@ fn check_order(file: &SystemFile, wires: &BTreeMap<String, Wire>, problems: &mut
     let mut left: BTreeSet<&String> = file.services.keys().collect();
     while !left.is_empty() {
         let read_by_placed_only = |name: &&&String| {
-            wires.values().filter(|wire| wire.writer == ***name).all(|wire| {
-                wire.readers.iter().all(|reader| order.contains(reader))
-            })
+            wires
+                .values()
+                .filter(|wire| wire.writer == ***name)
+                .all(|wire| wire.readers.iter().all(|reader| order.contains(reader)))
         };
         let Some(next) = left.iter().find(read_by_placed_only).copied() else {
             let names: Vec<&str> = left.iter().map(|name| name.as_str()).collect();
@@ -265,7 +306,9 @@ outputs = { sinkage = "front/sinkage" }
     }
 
     fn refused(text: &str) -> String {
-        check(text).map(|system| format!("accepted: {system:?}")).unwrap_or_else(|error| error.to_string())
+        check(text)
+            .map(|system| format!("accepted: {system:?}"))
+            .unwrap_or_else(|error| error.to_string())
     }
 
     #[test]
@@ -281,7 +324,10 @@ outputs = { sinkage = "front/sinkage" }
 
     #[test]
     fn an_input_that_nobody_writes_is_refused_with_the_wire_that_was_meant() {
-        let text = CHAIN.replace("inputs = { frames = \"front/frames\" }", "inputs = { frames = \"front/frame\" }");
+        let text = CHAIN.replace(
+            "inputs = { frames = \"front/frames\" }",
+            "inputs = { frames = \"front/frame\" }",
+        );
         assert!(refused(&text).starts_with("rover.toml:8: nobody writes wire front/frame"));
         assert!(refused(&text).ends_with("did you mean \"front/frames\"?"));
     }
@@ -299,7 +345,11 @@ exec = ["b"]
 inputs = { sinkage = "sinkage" }
 outputs = { soil = "soil" }
 "#;
-        assert!(refused(text).starts_with("rover.toml:3: the services a, b form a cycle"), "{}", refused(text));
+        assert!(
+            refused(text).starts_with("rover.toml:3: the services a, b form a cycle"),
+            "{}",
+            refused(text)
+        );
     }
 
     #[test]
@@ -327,6 +377,8 @@ outputs = { soil = "soil" }
     #[test]
     fn a_wire_read_as_something_else_is_refused() {
         let text = CHAIN.replace("inputs = { frames", "inputs = { soil");
-        assert!(refused(&text).contains("wire front/frames carries `frames`, but service `sinkage` reads it as `soil`"));
+        assert!(
+            refused(&text).contains("wire front/frames carries `frames`, but service `sinkage` reads it as `soil`")
+        );
     }
 }

@@ -8,6 +8,8 @@ use std::collections::VecDeque;
 const CYCLES_REMEMBERED: usize = 1024;
 /// Latencies the percentiles are taken over.
 const LATENCIES_REMEMBERED: usize = 1024;
+/// Longer latencies count as this one [ns].
+pub const LATENCY_MAX_NS: u64 = 3_600_000_000_000;
 /// Time the rate is taken over [ns].
 const RATE_SPAN_NS: u64 = 2_000_000_000;
 
@@ -57,7 +59,11 @@ impl Watch {
         self.published += 1;
         self.bad += u64::from(header.status == Status::INPUT_REJECTED || header.status == Status::BAD_SAMPLE);
         if let Some(last) = self.sequence {
-            self.lost += header.sequence.saturating_sub(last).saturating_sub(1).min(u64::from(u32::MAX));
+            self.lost += header
+                .sequence
+                .saturating_sub(last)
+                .saturating_sub(1)
+                .min(u64::from(u32::MAX));
         }
         self.sequence = Some(self.sequence.unwrap_or(0).max(header.sequence));
         self.last_ns = header.published_ns;
@@ -91,17 +97,26 @@ impl Watch {
     /// Samples per second over the last two seconds.
     #[must_use]
     pub fn rate_hz(&self, now_ns: u64) -> f64 {
-        let first = self.arrivals.partition_point(|at| now_ns.saturating_sub(*at) > RATE_SPAN_NS);
+        let first = self
+            .arrivals
+            .partition_point(|at| now_ns.saturating_sub(*at) > RATE_SPAN_NS);
         let recent = self.arrivals.len() - first;
-        let Some(oldest) = self.arrivals.get(first) else { return 0.0 };
+        let Some(oldest) = self.arrivals.get(first) else {
+            return 0.0;
+        };
         let span_s = now_ns.saturating_sub(*oldest) as f64 * 1e-9;
-        if recent < 2 || span_s <= 0.0 { 0.0 } else { (recent - 1) as f64 / span_s }
+        if recent < 2 || span_s <= 0.0 {
+            0.0
+        } else {
+            (recent - 1) as f64 / span_s
+        }
     }
 
     /// The latencies of the last cycles [ns], from the triggering sample to the answer.
     #[must_use]
     pub fn latencies(&self) -> Histogram<u64> {
-        let mut histogram = Histogram::new(3).unwrap_or_else(|_| unreachable!("three digits are possible"));
+        let mut histogram =
+            Histogram::new_with_bounds(1, LATENCY_MAX_NS, 3).unwrap_or_else(|_| unreachable!("the bounds are right"));
         for latency in &self.latencies {
             histogram.saturating_record((*latency).max(1));
         }
@@ -118,7 +133,11 @@ mod tests {
     use super::*;
 
     fn header(sequence: u64, published_ns: u64) -> Header {
-        Header { sequence, published_ns, ..Header::default() }
+        Header {
+            sequence,
+            published_ns,
+            ..Header::default()
+        }
     }
 
     #[test]

@@ -3,13 +3,27 @@
 use std::process::{Command, Output};
 
 fn terrasense(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_terrasense")).args(arguments).output().unwrap()
+    Command::new(env!("CARGO_BIN_EXE_terrasense"))
+        .args(arguments)
+        .output()
+        .unwrap()
 }
 
 #[test]
 fn help_names_every_command_and_the_exit_codes() {
     let help = String::from_utf8(terrasense(&["--help"]).stdout).unwrap();
-    for word in ["demo", "up", "replay", "simulate", "status", "validate", "doctor", "clean", "completions", "Exit codes"] {
+    for word in [
+        "demo",
+        "up",
+        "replay",
+        "simulate",
+        "status",
+        "validate",
+        "doctor",
+        "clean",
+        "completions",
+        "Exit codes",
+    ] {
         assert!(help.contains(word), "{word} is missing:\n{help}");
     }
 }

@@ -3,7 +3,7 @@
 use crate::termination::Termination;
 use crate::wire::Domain;
 use crate::{Error, Mode, now_ns};
-use iceoryx2::port::listener::Listener;
+use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 use messages::{Header, Message, Status};
@@ -16,6 +16,8 @@ use std::time::Duration;
 const WAIT_MAX: Duration = Duration::from_millis(20);
 /// The same in a replay, where a wire that is waited for stops others.
 const REPLAY_WAIT_MAX: Duration = Duration::from_millis(2);
+/// Samples of up to so many bytes are copied out of shared memory.
+const COPIED_MAX: usize = 16 << 10;
 /// A sensor instant further in the future than this [ns] is impossible.
 const FUTURE_MAX_NS: u64 = 1_000_000_000;
 /// Observations that wait for their trigger at the most. A replay's sources run ahead by as much; beyond, they are stopped.
@@ -70,10 +72,14 @@ impl<T: Message> Reader<T> {
         } else {
             REPLAY_WAIT_MAX
         };
-        let waited = self.listener.timed_wait(|_| (), longest);
-        waited
-            .map(|_| ())
-            .map_err(|error| Error::internal(format!("cannot wait for wire {}: {error:?}", self.wire)))
+        match self.listener.timed_wait(|_| (), longest) {
+            // A signal ends the wait: the caller looks at why it woke.
+            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
+            Err(error) => Err(Error::internal(format!(
+                "cannot wait for wire {}: {error:?}",
+                self.wire
+            ))),
+        }
     }
 
     /// Whether the sample can be believed as far as its status goes; the first one that cannot is told of.
@@ -158,10 +164,16 @@ impl<T: Message> Input<T> {
                 self.reader.wait()?;
                 continue;
             };
-            let header = *sample.payload().header();
-            if self.reader.admits(&sample) {
+            // What is looked at twice is copied first: a hostile writer could change it in between. Bulk is not copied; who
+            // works on it must not trust it to stay.
+            let copy = (size_of::<T>() <= COPIED_MAX)
+                .then(|| T::read_from_bytes(sample.payload().as_bytes()).ok())
+                .flatten();
+            let sample: &T = copy.as_ref().unwrap_or(sample.payload());
+            let header = *sample.header();
+            if self.reader.admits(sample) {
                 self.last = header;
-                return Ok(Some(act(&sample)));
+                return Ok(Some(act(sample)));
             }
             let header = if self.reader.instant_is_possible(&header) {
                 header
