@@ -1,6 +1,6 @@
 //! Pictures of every kind become the frames that they must, and broken ones are refused in words.
 
-use camera::PictureReader;
+use camera::{Config, PictureReader, RecordedCamera, SimulatedCamera};
 use messages::{Frame, Message, PIXELS_MAX, Status};
 use png::{BitDepth, ColorType, Encoder};
 use std::path::PathBuf;
@@ -210,4 +210,66 @@ fn crc(bytes: &[u8]) -> u32 {
     !bytes.iter().fold(!0, |sum, byte| {
         (0..8).fold(sum ^ u32::from(*byte), |sum, _| (sum >> 1) ^ (0xedb8_8320 * (sum & 1)))
     })
+}
+
+#[test]
+fn a_simulated_frame_is_the_same_whenever_it_is_taken() {
+    let (mut early, mut late) = (Frame::new_box_zeroed().unwrap(), Frame::new_box_zeroed().unwrap());
+    late.pixels.fill(255);
+    SimulatedCamera::new(simulation::Config::default(), 30.0, 5_000).fill(41, &mut early);
+    let camera = SimulatedCamera::new(simulation::Config::default(), 30.0, 5_000);
+    camera.fill(40, &mut late);
+    camera.fill(41, &mut late);
+    assert_eq!(early.check(), Ok(()));
+    assert_eq!(
+        (early.header.taken_ns, early.header.sequence),
+        (5_000 + 41 * 33_333_333, 41)
+    );
+    assert_eq!((early.width, early.height), (late.width, late.height));
+    assert!(early.image() == late.image());
+}
+
+#[test]
+fn a_recorded_traverse_gives_a_frame_a_row_and_errors_name_the_row() {
+    let table = "file,taken_s,center_x_px,center_y_px,rim_radius_px,wheel_radius_px,pitch_rad\n\
+                 gray8.png,0.1,6,2,3,4,0\nORIGIN.md,0.2,6,2,3,4,0\n";
+    let mut camera = RecordedCamera::open("t", table.into()).unwrap();
+    let mut frame = Frame::new_box_zeroed().unwrap();
+    let row = camera.next_row().unwrap().unwrap();
+    assert_eq!(camera.path(&row), "t/gray8.png");
+    camera.fill(&row, &golden(&row.file), &mut frame).unwrap();
+    assert_eq!((frame.header.taken_ns, frame.header.sequence), (100_000_000, 0));
+    let row = camera.next_row().unwrap().unwrap();
+    let error = camera
+        .fill(&row, &golden(&row.file), &mut frame)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.starts_with("t/frames.csv:3: ORIGIN.md: not a sound PNG file"),
+        "{error}"
+    );
+    assert_eq!((camera.next_row(), camera.last_ns()), (Ok(None), 200_000_000));
+}
+
+#[test]
+fn a_config_is_one_of_the_two_sources_and_nothing_else() {
+    let parse = |text: &str| toml::from_str::<Config>(text).map_err(|error| error.message().to_owned());
+    let simulated = parse("source = \"simulated\"\nrover = { seed = 3 }").unwrap();
+    assert!(matches!(&simulated, Config::Simulated { rate_hz: 30.0, rover } if rover.seed == 3));
+    assert_eq!(simulated.validate(), Ok(()));
+    let recorded = parse("source = \"recorded\"\nfolder = \"/t\"").unwrap();
+    assert_eq!(recorded, Config::Recorded { folder: "/t".into() });
+    for bad in [
+        "",
+        "source = \"device\"",
+        "source = \"recorded\"",
+        "source = \"recorded\"\nfolder = \"t\"\nrate_hz = 3",
+    ] {
+        assert!(parse(bad).is_err(), "{bad}");
+    }
+    let endless = parse("source = \"simulated\"\nrate_hz = inf").unwrap();
+    assert_eq!(
+        endless.validate(),
+        Err(("rate_hz", "must be 0.1 to 1000, is inf".into()))
+    );
 }

@@ -4,7 +4,7 @@ use hound::{SampleFormat, WavSpec, WavWriter};
 use messages::{Message, Sinkage, Status, Vibration, Wheel, label_text};
 use std::fmt::Write;
 use std::io::Cursor;
-use telemetry::{Event, Files, Recording};
+use telemetry::{Config, Event, Files, Recording, SimulatedTelemetry};
 use traverse::{Input, InputError};
 use zerocopy::IntoBytes;
 
@@ -620,4 +620,73 @@ fn no_bytes_make_it_panic_and_what_it_sends_is_sound() {
         };
         let _ = folder.run(2000, check);
     }
+}
+
+#[test]
+fn a_simulated_rover_is_sampled_on_a_fixed_grid_whenever_the_process_runs() {
+    let started_ns = 7_000_000_000;
+    let rover = simulation::Rover::new(simulation::Config::default());
+    let mut telemetry = SimulatedTelemetry::new(simulation::Config::default(), started_ns);
+    let mut pieces = Vec::new();
+    // Starts late, misses some ticks, and is stopped for two seconds.
+    for tick in (1234..1300).chain(1327..1400).chain(1600..1650) {
+        let mut wheels = 0;
+        let sent: Result<(), ()> = telemetry.at(tick, |event| {
+            match event {
+                Event::Wheel(wheel) => {
+                    wheels += 1;
+                    let load_n = rover.wheel((tick * 10_000_000) as f64 / 1e9).load_n;
+                    assert_eq!(
+                        (wheel.header.taken_ns, wheel.load_n),
+                        (started_ns + tick * 10_000_000, load_n)
+                    );
+                    assert_eq!((wheel.header.sequence, wheel.check()), (tick, Ok(())));
+                }
+                Event::Vibration(piece) => {
+                    assert_eq!((piece.count, piece.period_ns, piece.check()), (10, 10_000_000, Ok(())));
+                    let number = piece.header.sequence;
+                    assert_eq!(piece.start_ns, started_ns + number * 100_000_000);
+                    assert_eq!(piece.header.taken_ns, piece.start_ns + 100_000_000);
+                    assert!(piece.header.taken_ns <= started_ns + tick * 10_000_000);
+                    let seventh = rover.vibration((number * 100_000_000 + 70_000_000) as f64 / 1e9);
+                    let values: Vec<f32> = (0..7).map(|channel| piece.channel(channel)[7]).collect();
+                    assert_eq!(values, seventh);
+                    pieces.push(number);
+                }
+                Event::Sinkage(_) => panic!("the camera sees the sinkage"),
+            }
+            Ok(())
+        });
+        assert_eq!((sent, wheels), (Ok(()), 1));
+    }
+    let expected: Vec<u64> = (123..139).chain(155..164).collect();
+    assert_eq!(pieces, expected);
+}
+
+#[test]
+fn a_config_is_one_of_the_two_sources_and_nothing_else() {
+    let parse = |text: &str| toml::from_str::<Config>(text).map_err(|error| error.message().to_owned());
+    assert_eq!(
+        parse("source = \"simulated\"\nrover = { seed = 3 }").unwrap(),
+        Config::Simulated {
+            rover: simulation::Config {
+                seed: 3,
+                ..simulation::Config::default()
+            }
+        }
+    );
+    let recorded = parse("source = \"recorded\"\nfolder = \"/t\"").unwrap();
+    assert_eq!(recorded, Config::Recorded { folder: "/t".into() });
+    assert_eq!(recorded.validate(), Ok(()));
+    for bad in [
+        "",
+        "source = \"device\"",
+        "source = \"recorded\"",
+        "source = \"simulated\"\nfolder = \"/t\"",
+        "source = \"simulated\"\nrover = { sed = 3 }",
+    ] {
+        assert!(parse(bad).is_err(), "{bad}");
+    }
+    let noisy = parse("source = \"simulated\"\nrover = { noise = -1 }").unwrap();
+    assert_eq!(noisy.validate().unwrap_err().0, "rover");
 }
