@@ -1,2 +1,22 @@
-//! The vibration service.
-fn main() {}
+//! The vibration process: pieces of vibration trigger, the terrain's class goes out.
+
+use messages::{TerrainClass, Vibration};
+use shell::Error;
+use std::process::ExitCode;
+use vibration::{Config, Model, VibrationClassifier};
+
+fn main() -> ExitCode {
+    shell::main(|shell| {
+        let config = shell.config(Config::validate)?;
+        let model = match &config.model {
+            Some(path) => {
+                Model::parse_bytes(&shell.read(path)?).map_err(|why| Error::data(format!("{path}: {why}")))?
+            }
+            None => Model::built_in(),
+        };
+        let mut classifier = VibrationClassifier::new(config, model);
+        let mut vibration = shell.input::<Vibration>("vibration")?;
+        let class = shell.output::<TerrainClass>("class")?;
+        shell.on_each(&mut vibration, &class, |piece| Ok(classifier.step(piece)))
+    })
+}

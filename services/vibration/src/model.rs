@@ -46,6 +46,23 @@ pub struct Model {
 }
 
 impl Model {
+    /// The model of the simulated rover.
+    ///
+    /// # Panics
+    /// Never: a test reads the file.
+    #[must_use]
+    pub fn built_in() -> Self {
+        Self::parse(include_str!("built_in.toml")).expect("the built-in model is valid")
+    }
+
+    /// Reads the bytes of a model file.
+    ///
+    /// # Errors
+    /// Says what is wrong in it, and where.
+    pub fn parse_bytes(bytes: &[u8]) -> Result<Self, String> {
+        Self::parse(str::from_utf8(bytes).map_err(|error| format!("no UTF-8 text: {error}"))?)
+    }
+
     /// Reads a model file.
     ///
     /// # Errors
