@@ -11,7 +11,7 @@ pub(crate) struct Painter {
     seed: u64,
     width: u32,
     height: u32,
-    /// Sensor noise, gray levels; every row of every frame begins elsewhere in it.
+    /// Sensor noise, gray levels, a row longer than `NOISE_STARTS`: every row of every frame begins elsewhere in it.
     noise: Vec<f32>,
     /// Texture of the soil, a tile of `TILE_ROWS` x `TILE_COLUMNS` that repeats, in 1/`TEXTURE_STEPS` of its standard deviation.
     texture: Vec<i8>,
@@ -45,7 +45,7 @@ pub(crate) struct Scene {
 const TILE_COLUMNS: usize = 1024;
 const TILE_ROWS: usize = 256;
 const TEXTURE_STEPS: f32 = 32.0;
-const NOISE_COUNT: usize = 1 << 16;
+const NOISE_STARTS: u64 = 1 << 16;
 /// Standard deviation of a normal sensor's noise, gray levels.
 const NOISE_GRAY: f64 = 2.5;
 /// Columns painted together: what depends on the column alone is worked out once for all their rows.
@@ -74,7 +74,7 @@ impl Painter {
             seed,
             width,
             height,
-            noise: (0..NOISE_COUNT as u64)
+            noise: (0..u64::from(width) + NOISE_STARTS)
                 .map(|k| (NOISE_GRAY * noise * gaussian(seed, k)) as f32)
                 .collect(),
             texture: soil_texture(seed),
@@ -132,10 +132,9 @@ impl Painter {
                     soil_y: &soil_y,
                     hills_y: &hills_y,
                 };
-                let noise = self.row_noise(scene.frame_index, y) + first;
-                for (k, pixel) in row[columns.clone()].iter_mut().enumerate() {
-                    let gray = strip.gray(k, &ground, &face, &soil) + self.noise[(noise + k) % NOISE_COUNT];
-                    *pixel = (gray + 0.5) as u8;
+                let noise = &self.noise[self.row_noise(scene.frame_index, y) + first..];
+                for (k, (pixel, noise)) in row[columns.clone()].iter_mut().zip(noise).enumerate() {
+                    *pixel = (strip.gray(k, &ground, &face, &soil) + noise + 0.5) as u8;
                 }
             }
         }
@@ -159,7 +158,7 @@ impl Painter {
 
     /// Where a row's noise begins in the table.
     fn row_noise(&self, frame_index: u64, y: usize) -> usize {
-        hash(hash(self.seed ^ frame_index).wrapping_add(y as u64)) as usize % NOISE_COUNT
+        (hash(hash(self.seed ^ frame_index).wrapping_add(y as u64)) % NOISE_STARTS) as usize
     }
 }
 
