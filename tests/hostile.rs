@@ -3,7 +3,7 @@
 use crate::rover::Rover;
 use messages::{Frame, Message, Sinkage, Soil, TerrainClass, Vibration, Wheel};
 use shell::{Domain, SystemFile, Termination};
-use zerocopy::{FromBytes, IntoBytes};
+use zerocopy::FromBytes;
 
 /// Bytes without a pattern, the same each time.
 fn noise(length: usize, seed: u64) -> Vec<u8> {

@@ -38,14 +38,11 @@ fn a_wrong_system_file_is_refused_with_its_line() {
             "outputs = { soil = \"front/terrain\" }",
             "has two writers",
         ),
-        ("deadline_ms = 1000", "deadline_ms = -1", "rover.toml:"),
-        ("mode", "mode", ""),
+        ("deadline_ms = 10000", "deadline_ms = -1", "rover.toml:"),
     ] {
         let (code, text) = validate(|file| file.replace(from, to));
-        if !words.is_empty() {
-            assert!(code == 78 && text.contains(words), "{to}: {code}: {text}");
-            assert!(text.contains("rover.toml:"), "no file and line: {text}");
-        }
+        assert!(code == 78 && text.contains(words), "{to}: {code}: {text}");
+        assert!(text.contains("rover.toml:"), "no file and line: {text}");
     }
 }
 
@@ -138,7 +135,8 @@ fn a_broken_or_huge_picture_is_refused_with_its_line() {
     // Its header says 10,000 × 10,000.
     let mut huge = whole.clone();
     huge[16..24].copy_from_slice(&[0, 0, 0x27, 0x10, 0, 0, 0x27, 0x10]);
-    huge[29..33].copy_from_slice(&crc32(&huge[12..29]).to_be_bytes());
+    let checksum = crc32(&huge[12..29]).to_be_bytes();
+    huge[29..33].copy_from_slice(&checksum);
     traverse.write("001.png", &huge);
     let (code, text) = traverse.replay("out");
     assert!(

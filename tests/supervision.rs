@@ -2,6 +2,7 @@
 
 use crate::rover::{Rover, lives, pid, signal, wait_until};
 use rustix::process::Signal;
+use serde_json::Value;
 
 const SERVICES: [&str; 6] = [
     "camera",
@@ -59,10 +60,15 @@ fn nothing_survives_a_killed_launcher_and_the_next_start_works() {
 
 #[test]
 fn a_stopped_service_is_noticed_by_its_silence_and_replaced() {
-    let mut rover = Rover::new(|text| text);
+    let mut rover = Rover::new(|text| text.replace("deadline_ms = 10000", "deadline_ms = 1500"));
     rover.up();
     for victim in ["sinkage", "telemetry"] {
-        let old = pid(&rover.row(victim));
+        let running = |rows: &[Value]| rows.iter().all(|row| row["state"] == "running");
+        let row = rover
+            .until("all run", running)
+            .into_iter()
+            .find(|row| row["service"] == victim);
+        let old = pid(&row.unwrap());
         signal(old, Signal::STOP);
         rover.until(&format!("{victim} is replaced"), |rows| {
             rows.iter()
