@@ -1,5 +1,7 @@
 //! Pictures of every kind become the frames that they must, and broken ones are refused in words.
 
+#![allow(clippy::unwrap_used)]
+
 use camera::{Config, PictureReader, RecordedCamera, SimulatedCamera};
 use messages::{Frame, Message, PIXELS_MAX, Status};
 use png::{BitDepth, ColorType, Encoder};

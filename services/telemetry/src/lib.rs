@@ -8,8 +8,6 @@ mod wheel;
 
 pub use recording::{Files, Recording};
 pub use simulated::SimulatedTelemetry;
-pub use sinkage::SINKAGE_COLUMNS;
-pub use wheel::WHEEL_COLUMNS;
 
 use messages::{Sinkage, Vibration, Wheel};
 use serde::Deserialize;

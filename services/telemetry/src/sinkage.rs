@@ -2,10 +2,7 @@
 
 use messages::{Header, Sinkage, Status};
 use std::f64::consts::PI;
-use traverse::{Input, InputError, Rolls, Table, Traverse};
-
-/// The columns of `sinkage.csv`.
-pub const SINKAGE_COLUMNS: [&str; 3] = ["taken_s", "entry_rad", "exit_rad"];
+use traverse::{Input, InputError, Rolls, SINKAGE_COLUMNS, Table, Traverse};
 
 /// Standard deviation of a measured angle where `traverse.toml` gives none.
 const ANGLE_SIGMA_RAD: f64 = 0.02;

@@ -1,17 +1,7 @@
 //! `wheel.csv`: load, torque and motion, row by row.
 
 use messages::{Header, Status, Wheel};
-use traverse::{Input, InputError, Table};
-
-/// The columns of `wheel.csv`. The last one, the slip, may be absent.
-pub const WHEEL_COLUMNS: [&str; 6] = [
-    "taken_s",
-    "load_n",
-    "torque_nm",
-    "angular_velocity_rad_s",
-    "linear_velocity_m_s",
-    "slip",
-];
+use traverse::{Input, InputError, Table, WHEEL_COLUMNS};
 
 /// The rows of `wheel.csv`.
 pub(crate) struct WheelRows(Table);

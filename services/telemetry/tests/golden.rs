@@ -1,5 +1,7 @@
 //! A recorded traverse becomes one stream: in order, without loss, without silences, and bad files are refused in words.
 
+#![allow(clippy::unwrap_used)]
+
 use hound::{SampleFormat, WavSpec, WavWriter};
 use messages::{Message, Sinkage, Status, Vibration, Wheel, label_text};
 use std::fmt::Write;
@@ -50,7 +52,7 @@ impl Folder {
                 Some(Event::Wheel(Wheel { header, .. }) | Event::Sinkage(Sinkage { header, .. }))
                     if header.status == Status::ENDED =>
                 {
-                    ended += 1
+                    ended += 1;
                 }
                 Some(Event::Vibration(piece)) if piece.header.status == Status::ENDED => ended += 1,
                 Some(event) => act(&event),
@@ -286,7 +288,7 @@ fn rows(state: &mut u64, rate_hz: u64, header: &str, tail: &str) -> (String, Vec
     let (mut text, mut rows) = (format!("{header}\n"), Vec::new());
     let mut instant_us = 5_000_000 + random(state) % 500_000;
     for _ in 0..(3 * rate_hz).clamp(1, 4000) {
-        let value = if random(state) % 9 == 0 {
+        let value = if random(state).is_multiple_of(9) {
             f64::NAN
         } else {
             (random(state) % 1000) as f64 / 1000.0
@@ -439,82 +441,34 @@ fn no_wire_is_silent_for_long_nor_behind_by_many_samples() {
     }
 }
 
+/// What is in a file (`|` ends a line, `W` is the header of wheel.csv), and how the error begins.
+const BAD_FILES: &str = r#"
+wheel     W|0,1,2,3,abc                        => t/wheel.csv:2: linear_velocity_m_s: "abc" is not a number; write one
+wheel     W|0,1,2,3,4|1,inf,2,3,4              => t/wheel.csv:3: load_n: "inf" is not a number
+wheel     W|0,1,2,3,4|1,NaN,2,3,4              => t/wheel.csv:3: load_n: "NaN" is not a number
+wheel     W|                                   => t/wheel.csv:2: there is no row; leave the file out
+wheel     |                                    => t/wheel.csv:2: the file is empty
+wheel     taken_s,load_n|0,1                   => t/wheel.csv:1: column "torque_nm" is missing; the columns are taken_s,
+wheel     taken_s,load_kg|0,1                  => t/wheel.csv:1: unknown column "load_kg"; the columns are taken_s,
+wheel     W|1,1,2,3,4|0,1,2,3,4                => t/wheel.csv:3: taken_s: "0" lies 1.000000000 s before the row above
+wheel     W|1,1,2,3,4|-2,1,2,3,4               => t/wheel.csv:3: taken_s: "-2" is out of range
+sinkage   taken_s,entry_rad,exit_rad|0,25,-5   => t/sinkage.csv:2: entry_rad: "25" is out of range
+sinkage   taken_s,entry_rad,exit_rad|0,.2,.5   => t/sinkage.csv:2: exit_rad: ".5" lies in front of entry_rad
+vibration taken_s|0                            => t/vibration.csv:1: 0 channels; there must be 1 to 8
+vibration time,a_m_s2|0,1                      => t/vibration.csv:1: column "taken_s" is missing
+vibration taken_s,az|0,1                       => t/vibration.csv:1: channel "az": write at most 24 of a-z
+vibration taken_s,a_m_s2|0,1e39                => t/vibration.csv:2: a_m_s2: "1e39" is out of range
+frames    x|                                   => t/frames.csv:1: unknown column "x"; the columns are file,taken_s,
+sound     RIFF                                 => t/vibration.wav: needs [vibration] start_s and scale
+"#;
+
 #[test]
 fn bad_files_are_refused_with_file_line_and_remedy() {
-    let wheel = "taken_s,load_n,torque_nm,angular_velocity_rad_s,linear_velocity_m_s\n";
-    for (name, text, words) in [
-        (
-            "wheel",
-            format!("{wheel}0,1,2,3,abc\n"),
-            "t/wheel.csv:2: linear_velocity_m_s: \"abc\" is not a number; write one",
-        ),
-        (
-            "wheel",
-            format!("{wheel}0,1,2,3,4\n1,inf,2,3,4\n"),
-            "t/wheel.csv:3: load_n: \"inf\" is not a number",
-        ),
-        (
-            "wheel",
-            wheel.into(),
-            "t/wheel.csv:2: there is no row; leave the file out",
-        ),
-        (
-            "wheel",
-            "taken_s,load_n\n0,1\n".into(),
-            "t/wheel.csv:1: column \"torque_nm\" is missing; the columns are taken_s,",
-        ),
-        (
-            "wheel",
-            wheel.replace("load_n", "load_kg"),
-            "t/wheel.csv:1: unknown column \"load_kg\"; the columns are taken_s,",
-        ),
-        (
-            "wheel",
-            format!("{wheel}1,1,2,3,4\r\n0,1,2,3,4\r\n"),
-            "t/wheel.csv:3: taken_s: \"0\" lies 1.000000000 s before",
-        ),
-        ("wheel", "\n".into(), "t/wheel.csv:2: the file is empty"),
-        (
-            "sinkage",
-            "taken_s,entry_rad,exit_rad\n0,25,-5\n".into(),
-            "t/sinkage.csv:2: entry_rad: \"25\" is out of range",
-        ),
-        (
-            "sinkage",
-            "taken_s,entry_rad,exit_rad\n0,.2,.5\n".into(),
-            "t/sinkage.csv:2: exit_rad: \".5\" lies in front of",
-        ),
-        (
-            "vibration",
-            "taken_s\n0\n".into(),
-            "t/vibration.csv:1: 0 channels; there must be 1 to 8",
-        ),
-        (
-            "vibration",
-            "time,a_m_s2\n0,1\n".into(),
-            "t/vibration.csv:1: column \"taken_s\" is missing",
-        ),
-        (
-            "vibration",
-            "taken_s,az\n0,1\n".into(),
-            "t/vibration.csv:1: channel \"az\": write at most 24 of a-z",
-        ),
-        (
-            "vibration",
-            "taken_s,a_m_s2\n0,1e39\n".into(),
-            "t/vibration.csv:2: a_m_s2: \"1e39\" is out of range",
-        ),
-        (
-            "frames",
-            "x\n".into(),
-            "t/frames.csv:1: unknown column \"x\"; the columns are file,taken_s,",
-        ),
-        (
-            "sound",
-            "RIFF".into(),
-            "t/vibration.wav: needs [vibration] start_s and scale",
-        ),
-    ] {
+    let wheel = "taken_s,load_n,torque_nm,angular_velocity_rad_s,linear_velocity_m_s";
+    for case in BAD_FILES.trim().lines() {
+        let (file, words) = case.split_once(" => ").unwrap();
+        let (name, text) = file.split_once(' ').unwrap();
+        let text = text.trim().replace('W', wheel).replace('|', "\n");
         let mut folder = Folder::new();
         match name {
             "wheel" => folder.wheel = text,

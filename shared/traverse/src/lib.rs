@@ -13,6 +13,19 @@ pub use table::{GAP_MAX_S, Table};
 
 use std::fmt;
 
+/// The columns of `wheel.csv`. The last one, the slip, may be absent.
+pub const WHEEL_COLUMNS: [&str; 6] = [
+    "taken_s",
+    "load_n",
+    "torque_nm",
+    "angular_velocity_rad_s",
+    "linear_velocity_m_s",
+    "slip",
+];
+
+/// The columns of `sinkage.csv`.
+pub const SINKAGE_COLUMNS: [&str; 3] = ["taken_s", "entry_rad", "exit_rad"];
+
 /// An open file of the folder.
 pub type Input = Box<dyn std::io::Read + Send>;
 
