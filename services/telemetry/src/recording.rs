@@ -8,11 +8,11 @@ use messages::{CHANNELS_MAX, Header, SAMPLES_MAX, Sinkage, Status, Vibration, Wh
 use traverse::{FrameRows, GAP_MAX_S, Input, InputError, Traverse};
 use zerocopy::FromZeros;
 
-/// Longest silence on the wires of wheel, sinkage and vibration. Then a sample says that there were no data: readers wait
-/// for observations until a later sample is there, so that a sensor's pause does not stop them. Sinkage is no one's
-/// observation but a trigger, and its pauses stay.
-const SILENCE_MAX_NS: [u64; 3] = [100_000_000, u64::MAX, PIECE_NS];
-/// Samples of other wires, at the most, between two samples of one.
+/// Longest silence on the wires of wheel, sinkage and vibration. Readers wait for an observation until a later sample is
+/// there; so that a sensor's pause does not stop them, a sample then says that there were no data. Sinkage is no
+/// observation but a trigger, and every sample of it makes an estimate: its pauses stay.
+const SILENCE_MAX_NS: [Option<u64>; 3] = [Some(100_000_000), None, Some(PIECE_NS)];
+/// Samples of other wires, at the most, between two samples of an observation: what waits for it need not hold more.
 const RUN_MAX: u32 = 255;
 
 /// The open files of a traverse folder; those that are `None` are not there.
@@ -154,7 +154,7 @@ impl Recording {
     fn overdue(&self, until_ns: u64) -> Option<(u64, usize)> {
         let due = |(index, sensor): (usize, &Sensor)| {
             let wire = sensor.rows.wire();
-            let silent_ns = sensor.last_ns.saturating_add(SILENCE_MAX_NS[wire]);
+            let silent_ns = sensor.last_ns.saturating_add(SILENCE_MAX_NS[wire]?);
             // The piece up to an instant leaves before the sample of that instant: that one begins the next piece.
             let is_silent = silent_ns < until_ns || (silent_ns == until_ns && wire == VIBRATION);
             let is_behind = sensor.others >= RUN_MAX;
