@@ -166,12 +166,11 @@ mod tests {
             ),
             (
                 "a.png,0,abc,2,3,4,0",
-                "frames.csv:2: center_x_px: \"abc\" is not a number; write one like -1.25e3, \
-                 or leave the cell empty if the value is missing",
+                "frames.csv:2: center_x_px: \"abc\" is not a number; write one like -1.25e3; here it may not be missing",
             ),
             (
                 "a.png,0,,2,3,4,0",
-                "frames.csv:2: center_x_px: \"\" is empty; this column needs a number in every row",
+                "frames.csv:2: center_x_px: \"\" is not a number; write one like -1.25e3; here it may not be missing",
             ),
             (
                 "a.png,0,1,2,3,-4,0",

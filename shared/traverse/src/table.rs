@@ -144,27 +144,11 @@ impl Table {
     /// # Errors
     /// Where the cell holds anything else.
     pub fn number(&self, column: usize, range: RangeInclusive<f64>) -> Result<f64, InputError> {
-        let text = self.text(column);
-        if text.is_empty() {
+        if self.text(column).is_empty() {
             return Ok(f64::NAN);
         }
-        let value = text
-            .parse()
-            .ok()
-            .filter(|value: &f64| value.is_finite())
-            .ok_or_else(|| {
-                let what = "is not a number; write one like -1.25e3, or leave the cell empty if the value is missing";
-                self.cell_fault(column, what)
-            })?;
-        if !range.contains(&value) {
-            let what = format!(
-                "is out of range; it must lie in {:?} to {:?}",
-                range.start(),
-                range.end()
-            );
-            return Err(self.cell_fault(column, &what));
-        }
-        Ok(value)
+        let remedy = "write one like -1.25e3, or leave the cell empty if the value is missing";
+        self.parse(column, range, remedy)
     }
 
     /// The same, for a value that may not be missing.
@@ -172,9 +156,21 @@ impl Table {
     /// # Errors
     /// Where the cell is empty or holds anything but a number in `range`.
     pub fn required(&self, column: usize, range: RangeInclusive<f64>) -> Result<f64, InputError> {
-        let value = self.number(column, range)?;
-        if value.is_nan() {
-            return Err(self.cell_fault(column, "is empty; this column needs a number in every row"));
+        self.parse(column, range, "write one like -1.25e3; here it may not be missing")
+    }
+
+    fn parse(&self, column: usize, range: RangeInclusive<f64>, remedy: &str) -> Result<f64, InputError> {
+        let value = self.text(column).parse().ok().filter(|value: &f64| value.is_finite());
+        let Some(value) = value else {
+            return Err(self.cell_fault(column, &format!("is not a number; {remedy}")));
+        };
+        if !range.contains(&value) {
+            let what = format!(
+                "is out of range; it must lie in {:?} to {:?}",
+                range.start(),
+                range.end()
+            );
+            return Err(self.cell_fault(column, &what));
         }
         Ok(value)
     }
@@ -381,7 +377,7 @@ mod tests {
             ),
             (
                 "taken_s,load_n\n,1\n",
-                "a.csv:2: taken_s: \"\" is empty; this column needs a number in every row",
+                "a.csv:2: taken_s: \"\" is not a number; write one like -1.25e3; here it may not be missing",
             ),
             (
                 "taken_s,load_n\n-1,1\n",
