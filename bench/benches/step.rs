@@ -1,0 +1,152 @@
+//! Compute time of each stage: its lib called directly, on input made beforehand.
+
+use bench::{Day, Options, Outcome, Report, Series};
+use clap::Parser;
+use messages::{Frame, Soil, TerrainClass};
+use shell::now_ns;
+use sinkage::SinkageTracker;
+use std::hint::black_box;
+use terrain::TerrainFusion;
+use terramechanics::SoilEstimator;
+use vibration::{Model, VibrationClassifier};
+use zerocopy::FromZeros;
+
+const ROUNDS: usize = 5;
+/// Pictures that are worked on by turns: more than a cache holds.
+const PICTURES: usize = 32;
+/// Pictures in a round.
+const PICTURES_A_ROUND: usize = 160;
+
+#[derive(Parser)]
+struct Arguments {
+    #[command(flatten)]
+    options: Options,
+}
+
+/// The stages' times, in the order of the table.
+struct Times {
+    clock: Series,
+    render: Series,
+    sinkage: Series,
+    terramechanics: Series,
+    piece: Series,
+    window: Series,
+    terrain: Series,
+}
+
+fn main() -> Outcome<()> {
+    let options = Arguments::parse().options;
+    let mut report = Report::begin("step", &options);
+    let day = Day::new();
+    let frames = day.frames(PICTURES);
+    let mut times = Times {
+        clock: Series::new("reading the clock (part of every time below)"),
+        render: Series::new("simulation: one VGA picture"),
+        sinkage: Series::new("sinkage: one VGA picture"),
+        terramechanics: Series::new("terramechanics: three wheel readings and a sinkage"),
+        piece: Series::new("vibration: a piece of 0.1 s"),
+        window: Series::new("vibration: a piece that completes a window"),
+        terrain: Series::new("terrain: a sinkage, a class and a soil"),
+    };
+    for _ in 0..ROUNDS {
+        times.begin_round();
+        times.pictures(&day, &frames, options.amount(PICTURES_A_ROUND));
+        for _ in 0..options.amount(2) {
+            times.route(&day);
+        }
+    }
+    let Times {
+        clock,
+        render,
+        sinkage,
+        terramechanics,
+        piece,
+        window,
+        terrain,
+    } = times;
+    report.table(
+        "Compute time of a step",
+        &[clock, render, sinkage, terramechanics, piece, window, terrain],
+    );
+    report.end()
+}
+
+impl Times {
+    fn begin_round(&mut self) {
+        let Self {
+            clock,
+            render,
+            sinkage,
+            terramechanics,
+            piece,
+            window,
+            terrain,
+        } = self;
+        for series in [clock, render, sinkage, terramechanics, piece, window, terrain] {
+            series.begin_round();
+        }
+    }
+
+    /// The stages that work on pictures.
+    fn pictures(&mut self, day: &Day, frames: &[Box<Frame>], count: usize) {
+        let mut tracker = SinkageTracker::new(sinkage::Config::default());
+        let mut canvas = Frame::new_box_zeroed().expect("there is memory for a picture");
+        for index in 0..count {
+            self.clock.record(timed(|| ()).0);
+            let frame = &frames[index % frames.len()];
+            self.sinkage.record(timed(|| tracker.step(black_box(frame))).0);
+            let time_s = index as f64 * 0.123;
+            self.render
+                .record(timed(|| day.rover.render(black_box(time_s), &mut canvas)).0);
+            black_box(&canvas.pixels);
+        }
+    }
+
+    /// The stages that work on numbers, over the whole route, each on what the one before has said.
+    fn route(&mut self, day: &Day) {
+        let classes = self.classes(day);
+        let mut estimator = SoilEstimator::new(terramechanics::Config::default());
+        let mut fusion = TerrainFusion::new(terrain::Config::default());
+        for ((number, readings), sinkage) in day.cycles().zip(&day.sinkage) {
+            let (time_ns, soil): (u64, Soil) = timed(|| {
+                readings
+                    .iter()
+                    .for_each(|reading| estimator.observe_wheel(black_box(reading)));
+                estimator.step(black_box(sinkage))
+            });
+            self.terramechanics.record(time_ns);
+            let class = &classes[number * classes.len() / day.sinkage.len()];
+            let (time_ns, _) = timed(|| {
+                fusion.observe_sinkage(black_box(sinkage));
+                fusion.observe_class(black_box(class));
+                fusion.step(black_box(&soil))
+            });
+            self.terrain.record(time_ns);
+        }
+    }
+
+    fn classes(&mut self, day: &Day) -> Vec<TerrainClass> {
+        let mut classifier = VibrationClassifier::new(vibration::Config::default(), Model::built_in());
+        let mut windows = 0;
+        let mut classes = Vec::with_capacity(day.vibration.len());
+        for piece in &day.vibration {
+            let (time_ns, class) = timed(|| classifier.step(black_box(piece)));
+            let series = if class.windows > windows {
+                &mut self.window
+            } else {
+                &mut self.piece
+            };
+            series.record(time_ns);
+            windows = class.windows;
+            classes.push(class);
+        }
+        classes
+    }
+}
+
+/// How long `act` takes [ns], and its answer, which the compiler may not leave out.
+fn timed<T>(act: impl FnOnce() -> T) -> (u64, T) {
+    let started_ns = now_ns();
+    let answer = black_box(act());
+    (now_ns() - started_ns, answer)
+}
