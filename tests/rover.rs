@@ -114,7 +114,9 @@ impl Rover {
     /// Tells the launcher to end, as a person would with ^C, and returns its exit code.
     pub fn down(&mut self) -> Option<i32> {
         let mut launcher = self.launcher.take()?;
-        signal(launcher.id(), rustix::process::Signal::TERM);
+        // It may have ended by itself.
+        let launcher_pid = rustix::process::Pid::from_child(&launcher);
+        let _ = rustix::process::kill_process(launcher_pid, rustix::process::Signal::TERM);
         launcher.wait().unwrap().code()
     }
 

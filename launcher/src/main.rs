@@ -8,6 +8,7 @@ mod process;
 mod record;
 mod replay;
 mod root;
+mod simulate;
 mod status;
 mod supervisor;
 mod system;
@@ -34,11 +35,12 @@ const EXIT_CODES: &str = "Exit codes: 0 success, 1 a check found something, 64 u
 enum Command {
     /// Runs the whole system on a simulated rover for a while, in a live table against the truth.
     Demo(demo::DemoArguments),
-
     /// Runs a system until it is told to end (SIGTERM, SIGINT).
     Up(commands::UpArguments),
     /// Runs the system over a recorded traverse, without loss, and writes one CSV a wire. Two replays give the same bytes.
     Replay(replay::ReplayArguments),
+    /// Writes a traverse folder of the simulated rover, with the truth beside it.
+    Simulate(simulate::SimulateArguments),
     /// Shows how a running system is doing.
     Status(status::StatusArguments),
     /// Checks a system file without starting anything.
@@ -75,6 +77,7 @@ fn run(command: Command) -> Result<ExitCode, Error> {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Up(arguments) => commands::up(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
+        Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Status(arguments) => status::run(&arguments),
         Command::Validate(arguments) => commands::validate(&arguments),
         Command::DefaultSystem => {

@@ -1,3 +1,18 @@
-//! The terramechanics process: sinkage triggers, the wheel is observed, the soil comes out.
+//! The terramechanics process: sinkage triggers, the wheel is taken in, soil goes out.
 
-fn main() {}
+use messages::{Sinkage, Soil, Wheel};
+use std::process::ExitCode;
+use terramechanics::{Config, SoilEstimator};
+
+fn main() -> ExitCode {
+    shell::main(|shell| {
+        let mut estimator = SoilEstimator::new(shell.config(Config::validate)?);
+        let mut sinkage = shell.input::<Sinkage>("sinkage")?;
+        let wheel = shell.observation::<Wheel>("wheel")?;
+        let soil = shell.output::<Soil>("soil")?;
+        shell.on_each(&mut sinkage, &soil, |sample| {
+            wheel.until(sample.header.taken_ns, |reading| estimator.observe_wheel(reading))?;
+            Ok(estimator.step(sample))
+        })
+    })
+}
