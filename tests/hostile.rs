@@ -2,7 +2,7 @@
 
 use crate::rover::Rover;
 use messages::{Frame, Message, Sinkage, Soil, TerrainClass, Vibration, Wheel};
-use shell::{Domain, SystemFile, Termination};
+use shell::{Domain, Output, SystemFile, Termination};
 use zerocopy::FromBytes;
 
 /// Bytes without a pattern, the same each time.
@@ -17,7 +17,8 @@ fn noise(length: usize, seed: u64) -> Vec<u8> {
     (0..length).map(|_| next()).collect()
 }
 
-fn flood<T: Message>(domain: &Domain, wire: &str, seed: u64) {
+/// Writes random samples, and keeps the wire open: who only looks now and then must get to see them.
+fn flood<T: Message>(domain: &Domain, wire: &str, seed: u64) -> Output<T> {
     let output = domain.output::<T>(wire, Termination::listen().unwrap()).unwrap();
     for round in 0..20 {
         let bytes = noise(size_of::<T>(), seed + round);
@@ -28,6 +29,7 @@ fn flood<T: Message>(domain: &Domain, wire: &str, seed: u64) {
             })
             .unwrap();
     }
+    output
 }
 
 #[test]
@@ -36,12 +38,14 @@ fn random_bytes_on_every_wire_kill_no_service_and_are_marked() {
     rover.up();
     let pids = rover.pids();
     let domain = Domain::enter(&SystemFile::read(&rover.file()).unwrap(), "intruder").unwrap();
-    flood::<Frame>(&domain, "front/frames", 1);
-    flood::<Wheel>(&domain, "front/wheel", 2);
-    flood::<Vibration>(&domain, "body/vibration", 3);
-    flood::<Sinkage>(&domain, "front/sinkage", 4);
-    flood::<Soil>(&domain, "front/soil", 5);
-    flood::<TerrainClass>(&domain, "body/class", 6);
+    let _open = (
+        flood::<Frame>(&domain, "front/frames", 1),
+        flood::<Wheel>(&domain, "front/wheel", 2),
+        flood::<Vibration>(&domain, "body/vibration", 3),
+        flood::<Sinkage>(&domain, "front/sinkage", 4),
+        flood::<Soil>(&domain, "front/soil", 5),
+        flood::<TerrainClass>(&domain, "body/class", 6),
+    );
     let cycles = rover.row("terrain")["published"].as_u64().unwrap();
     rover.until("cycles go on", |rows| {
         rows.iter()

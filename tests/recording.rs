@@ -56,7 +56,6 @@ impl Traverse {
             "--force",
         ]);
         assert_eq!(code, 0, "{text}");
-        let _ = std::fs::rename(traverse.path("frames/000.png"), traverse.path("000.png"));
         traverse
     }
 

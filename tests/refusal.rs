@@ -125,11 +125,11 @@ fn an_empty_or_missing_traverse_is_refused() {
 #[test]
 fn a_broken_or_huge_picture_is_refused_with_its_line() {
     let traverse = Traverse::with_pictures(3);
-    let whole = std::fs::read(traverse.path("001.png")).unwrap();
-    traverse.write("001.png", &whole[..whole.len() / 2]);
+    let whole = std::fs::read(traverse.path("000001.png")).unwrap();
+    traverse.write("000001.png", &whole[..whole.len() / 2]);
     let (code, text) = traverse.replay("out");
     assert!(
-        code == 65 && text.contains("frames.csv:3") && text.contains("001.png"),
+        code == 65 && text.contains("frames.csv:3") && text.contains("000001.png"),
         "{code}: {text}"
     );
     // Its header says 10,000 × 10,000.
@@ -137,10 +137,10 @@ fn a_broken_or_huge_picture_is_refused_with_its_line() {
     huge[16..24].copy_from_slice(&[0, 0, 0x27, 0x10, 0, 0, 0x27, 0x10]);
     let checksum = crc32(&huge[12..29]).to_be_bytes();
     huge[29..33].copy_from_slice(&checksum);
-    traverse.write("001.png", &huge);
+    traverse.write("000001.png", &huge);
     let (code, text) = traverse.replay("out");
     assert!(
-        code == 65 && text.contains("10000") && text.contains("001.png"),
+        code == 65 && text.contains("10000") && text.contains("000001.png"),
         "{code}: {text}"
     );
     assert!(is_clean(&traverse.path("out")));

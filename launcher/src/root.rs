@@ -3,7 +3,7 @@
 use rustix::fs::{FlockOperation, flock};
 use shell::{Domain, Error, SystemFile, now_ns, sleep_until};
 use std::fs::File;
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 const SHARED_MEMORY: &str = "/dev/shm";
@@ -49,10 +49,13 @@ impl Root {
         }
         wipe(&root.folder, &root.prefix);
         let failed = |error| Error::unavailable(format!("cannot make {}: {error}", root.folder.display()));
-        std::fs::DirBuilder::new()
-            .mode(0o700)
-            .create(&root.folder)
-            .map_err(failed)?;
+        match std::fs::DirBuilder::new().mode(0o700).create(&root.folder) {
+            // Somebody who asks for the status has been faster.
+            Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {
+                std::fs::set_permissions(&root.folder, std::fs::Permissions::from_mode(0o700)).map_err(failed)?;
+            }
+            made => made.map_err(failed)?,
+        }
         root.write("started_ns", &root.started_ns.to_string())?;
         Ok(root)
     }
@@ -127,9 +130,17 @@ pub fn traces() -> Vec<Trace> {
         .collect()
 }
 
-/// Whether the launcher of a system runs.
+/// Whether a system can be entered: its launcher runs and has made its folder.
 #[must_use]
-pub fn runs(name: &str) -> bool {
+pub fn stands(name: &str) -> bool {
+    runs(name)
+        && Path::new(SHARED_MEMORY)
+            .join(format!("{NAME}{name}/started_ns"))
+            .exists()
+}
+
+/// Whether the launcher of a system runs.
+fn runs(name: &str) -> bool {
     lock_path(name).exists()
         && File::open(lock_path(name)).is_ok_and(|file| flock(&file, FlockOperation::NonBlockingLockShared).is_err())
 }

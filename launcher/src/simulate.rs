@@ -2,9 +2,10 @@
 
 use crate::commands::listen;
 use clap::Args;
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder};
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::Frame;
-use png::{BitDepth, ColorType, Compression, Encoder};
 use shell::{Error, Termination};
 use simulation::{CHANNELS, Rover, SOILS};
 use std::fmt::{Display, Write};
@@ -192,17 +193,9 @@ fn seconds(ns: u64) -> String {
 
 fn png_bytes(frame: &Frame) -> Result<Vec<u8>, Error> {
     let mut bytes = Vec::new();
-    let mut encoder = Encoder::new(&mut bytes, frame.width, frame.height);
-    encoder.set_color(ColorType::Grayscale);
-    encoder.set_depth(BitDepth::Eight);
-    encoder.set_compression(Compression::Fast);
-    let mut writer = encoder
-        .write_header()
+    PngEncoder::new_with_quality(&mut bytes, CompressionType::Fast, FilterType::Up)
+        .write_image(frame.image(), frame.width, frame.height, ExtendedColorType::L8)
         .map_err(|error| Error::internal(error.to_string()))?;
-    writer
-        .write_image_data(frame.image())
-        .map_err(|error| Error::internal(error.to_string()))?;
-    drop(writer);
     Ok(bytes)
 }
 

@@ -58,7 +58,7 @@ pub fn run(arguments: &StatusArguments) -> Result<ExitCode, Error> {
             arguments.name
         ))
     };
-    if !root::runs(&arguments.name) {
+    if !root::stands(&arguments.name) {
         return Err(not_running());
     }
     let text = format!("[system]\nname = {:?}\n", arguments.name);

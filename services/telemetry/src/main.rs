@@ -8,18 +8,9 @@ use telemetry::{Config, Event, Files, Recording, SimulatedTelemetry};
 fn main() -> ExitCode {
     shell::main(|shell| {
         let config = shell.config(Config::validate)?;
-        let wheel = shell
-            .writes("wheel")
-            .then(|| shell.output::<Wheel>("wheel"))
-            .transpose()?;
-        let sinkage = shell
-            .writes("sinkage")
-            .then(|| shell.output::<Sinkage>("sinkage"))
-            .transpose()?;
-        let vibration = shell
-            .writes("vibration")
-            .then(|| shell.output::<Vibration>("vibration"))
-            .transpose()?;
+        let wheel = shell.output_if_wired::<Wheel>("wheel")?;
+        let sinkage = shell.output_if_wired::<Sinkage>("sinkage")?;
+        let vibration = shell.output_if_wired::<Vibration>("vibration")?;
         let send = |event: Event| match event {
             Event::Wheel(sample) => wheel.iter().try_for_each(|wire| wire.send(sample)),
             Event::Sinkage(sample) => sinkage.iter().try_for_each(|wire| wire.send(sample)),

@@ -1,6 +1,6 @@
 //! Log power spectral density of a window by sine multitaper.
 
-use realfft::num_complex::Complex;
+use rustfft::num_complex::Complex;
 use realfft::{RealFftPlanner, RealToComplex};
 use std::f64::consts::PI;
 use std::sync::Arc;

@@ -151,6 +151,14 @@ impl Shell {
         Output::open(self.domain()?, &wire, generation, termination)
     }
 
+    /// Opens a wire that this service writes, if the system file names one: a source may have more to say than is asked.
+    ///
+    /// # Errors
+    /// The wire is not there, or its samples have another layout.
+    pub fn output_if_wired<T: Message>(&mut self, port: &str) -> Result<Option<Output<T>>, Error> {
+        self.writes(port).then(|| self.output(port)).transpose()
+    }
+
     /// Answers every sample of `input` with exactly one of `output`, until the process is to end or the recording is over.
     /// Inside, `step` may first take in observations.
     ///
