@@ -1,7 +1,7 @@
 //! Log power spectral density of a window by sine multitaper.
 
-use rustfft::num_complex::Complex;
 use realfft::{RealFftPlanner, RealToComplex};
+use rustfft::num_complex::Complex;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
