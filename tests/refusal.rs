@@ -57,7 +57,8 @@ fn a_missing_system_file_is_refused_with_the_way_out() {
 
 #[test]
 fn a_broken_traverse_is_refused_with_file_and_line() {
-    let cases: [(&str, fn(&Traverse), &str); 8] = [
+    type Case = (&'static str, fn(&Traverse), &'static str);
+    let cases: [Case; 8] = [
         (
             "a bad cell",
             |traverse| traverse.edit("wheel.csv", |text| text.replacen("90", "9o", 1)),

@@ -101,13 +101,13 @@ fn a_service_that_keeps_dying_is_given_up_and_the_rest_goes_on() {
                 .any(|row| row["service"] == "terrain" && row["published"].as_u64() > Some(10))
     });
     let others = rows.iter().filter(|row| row["service"] != "vibration");
-    others.for_each(|row| {
+    for row in others {
         assert_eq!(
             (&row["state"], &row["restarts"]),
             (&"running".into(), &0.into()),
             "{row}"
-        )
-    });
+        );
+    }
     assert!(
         rover
             .log()
