@@ -3,10 +3,10 @@
 use std::path::Path;
 
 fn main() {
-    let python = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/peer/bin/python3");
+    let peer = Path::new(env!("CARGO_MANIFEST_DIR")).join("../target/peer");
     println!("cargo::rustc-check-cfg=cfg(python_peer)");
-    println!("cargo::rerun-if-changed={}", python.display());
-    if python.exists() {
+    println!("cargo::rerun-if-changed={}/pyvenv.cfg", peer.display());
+    if peer.join("bin/python3").exists() {
         println!("cargo::rustc-cfg=python_peer");
     }
 }

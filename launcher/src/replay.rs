@@ -241,7 +241,7 @@ fn feed(services: &mut Table, folder: &str, parts: Parts) {
         let is_source = service
             .get("inputs")
             .and_then(Item::as_table_like)
-            .is_none_or(|inputs| inputs.is_empty());
+            .is_none_or(toml_edit::TableLike::is_empty);
         if !is_source {
             continue;
         }

@@ -6,7 +6,7 @@ fn terrasense(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_terrasense"))
         .args(arguments)
         .output()
-        .unwrap()
+        .expect("terrasense runs")
 }
 
 #[test]

@@ -2,10 +2,6 @@
 //!
 //! Shares no code with the crate: tanh–sinh quadrature of the stresses over the contact, bisection for the entry angle.
 
-#![allow(dead_code)]
-
-pub mod traverse;
-
 /// A soil in the full Bekker / Wong–Reece / Janosi model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SoilModel {
@@ -142,9 +138,9 @@ pub fn entry_for(soil: &SoilModel, wheel: &WheelModel, load_n: f64, slip: f64, e
     for _ in 0..6 {
         let middle = 0.5 * (low + high);
         if carried(middle) < 0.0 {
-            low = middle
+            low = middle;
         } else {
-            high = middle
+            high = middle;
         }
     }
     let (mut at_low, mut at_high) = (carried(low), carried(high));
