@@ -67,7 +67,7 @@ pub fn validate(arguments: &ValidateArguments) -> Result<ExitCode, Error> {
     check_configs(&system, arguments.system.as_deref())?;
     let file = &system.file;
     println!("{}: system `{}` is right", file.path, file.system.name.get_ref());
-    for name in system.order.iter().rev() {
+    for name in &system.order {
         let table = &file.services[name];
         let list = |wires: &std::collections::BTreeMap<String, toml::Spanned<String>>| {
             wires

@@ -7,7 +7,8 @@ use crate::system::System;
 use crate::watch::Watch;
 use messages::{Header, ServiceState, Status, Supervision, label};
 use shell::{
-    AnyTap, Domain, Error, HeldWire, Mode, Output, Port, Role, SUPERVISION_WIRE, Termination, now_ns, sleep_until,
+    AnyTap, Domain, Error, HeldWire, Mode, Output, Port, RELEASE, Role, SUPERVISION_WIRE, Termination, now_ns,
+    sleep_until,
 };
 use std::collections::BTreeMap;
 use zerocopy::FromZeros;
@@ -140,7 +141,8 @@ impl Supervisor {
         })
     }
 
-    /// Starts all services, readers before writers, each once the one before is ready.
+    /// Starts all services, writers before readers, each once the one before is ready. A replay's first samples wait until
+    /// all are, and the launcher itself is connected.
     ///
     /// # Errors
     /// Shared memory is broken. A service that does not start is the policy's business.
@@ -152,7 +154,8 @@ impl Supervisor {
                 sleep_until(now_ns() + MS_NS);
             }
         }
-        Ok(())
+        self.drain(&mut on_sample)?;
+        self.root.write(RELEASE, "").map(|_| ())
     }
 
     /// Looks once at every process and every wire, acts, and sleeps until the next look or the next signal. Every sample

@@ -14,7 +14,7 @@ const READERS_MAX: usize = 6;
 pub struct System {
     /// The file it was read from.
     pub file: SystemFile,
-    /// The services, readers before writers: nothing is sent before those who read it listen.
+    /// The services, writers before readers: a reader connects at once to the writers that are there.
     pub order: Vec<String>,
     /// The program of each service.
     pub programs: BTreeMap<String, PathBuf>,
@@ -257,18 +257,16 @@ fn known_port(
     found
 }
 
-/// Readers before writers. A service that reads, over others, what it writes has no place in that order.
+/// Writers before readers. A service that reads, over others, what it writes has no place in that order.
 fn check_order(file: &SystemFile, wires: &BTreeMap<String, Wire>, problems: &mut Vec<Error>) -> Vec<String> {
     let mut order: Vec<String> = Vec::new();
     let mut left: BTreeSet<&String> = file.services.keys().collect();
     while !left.is_empty() {
-        let read_by_placed_only = |name: &&&String| {
-            wires
-                .values()
-                .filter(|wire| wire.writer == ***name)
-                .all(|wire| wire.readers.iter().all(|reader| order.contains(reader)))
+        let reads_placed_only = |name: &&&String| {
+            let mut read = wires.values().filter(|wire| wire.readers.contains(name));
+            read.all(|wire| order.contains(&wire.writer))
         };
-        let Some(next) = left.iter().find(read_by_placed_only).copied() else {
+        let Some(next) = left.iter().find(reads_placed_only).copied() else {
             let names: Vec<&str> = left.iter().map(|name| name.as_str()).collect();
             problems.push(Error::config(format!(
                 "{}:{}: the services {} form a cycle: each reads what another of them writes; a cycle of the graph must \
@@ -312,8 +310,8 @@ outputs = { sinkage = "front/sinkage" }
     }
 
     #[test]
-    fn readers_start_before_writers() {
-        assert_eq!(check(CHAIN).unwrap().order, ["sinkage", "camera"]);
+    fn writers_start_before_readers() {
+        assert_eq!(check(CHAIN).unwrap().order, ["camera", "sinkage"]);
     }
 
     #[test]

@@ -30,7 +30,7 @@ pub use output::Output;
 pub use process::{bind_to_parent, harden_descriptors};
 pub use system_file::{Mode, Restart, ServiceTable, SystemFile, SystemTable};
 pub use termination::Termination;
-pub use wire::{AnyTap, Domain, HeldWire, Port, Role, SUPERVISION_WIRE};
+pub use wire::{AnyTap, Domain, HeldWire, Port, RELEASE, Role, SUPERVISION_WIRE};
 
 use clap::Parser;
 use input::Attention;

@@ -2,12 +2,17 @@
 
 use crate::termination::Termination;
 use crate::wire::{Domain, ring};
-use crate::{Error, Mode, now_ns};
+use crate::{Error, Mode, now_ns, sleep_until};
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::{BackpressureAction, BackpressureInfo};
 use iceoryx2::prelude::{BackpressureStrategy, ipc};
 use messages::{Header, Message, Status};
+use std::cell::Cell;
+use std::path::PathBuf;
+
+/// Between two looks for the release of a replay [ns].
+const RELEASE_POLL_NS: u64 = 1_000_000;
 
 /// A wire that this service writes.
 #[derive(Debug)]
@@ -16,6 +21,9 @@ pub struct Output<T: Message> {
     bell: Notifier<ipc::Service>,
     wire: String,
     generation: u32,
+    /// What a replay's first sample waits for.
+    release: Cell<Option<PathBuf>>,
+    termination: Termination,
 }
 
 impl<T: Message> Output<T> {
@@ -23,11 +31,13 @@ impl<T: Message> Output<T> {
         let opened = domain.open::<T>(wire)?;
         let failed = |what: &dyn std::fmt::Debug| Error::unavailable(format!("cannot write wire {wire}: {what:?}"));
         let builder = opened.samples.publisher_builder().max_loaned_samples(1);
+        let release = (domain.mode() == Mode::Replay).then(|| domain.release());
+        let told = termination.clone();
         let builder = match domain.mode() {
             Mode::Live => builder.backpressure_strategy(BackpressureStrategy::DiscardData),
             // A full queue stops the writer, but not one that is to end: its reader may have gone.
             Mode::Replay => builder.set_backpressure_handler(move |_: &BackpressureInfo| {
-                if termination.requested() {
+                if told.requested() {
                     return BackpressureAction::DiscardData;
                 }
                 BackpressureAction::Retry
@@ -45,6 +55,8 @@ impl<T: Message> Output<T> {
             bell,
             wire: wire.into(),
             generation,
+            release: Cell::new(release),
+            termination,
         })
     }
 
@@ -53,6 +65,7 @@ impl<T: Message> Output<T> {
     /// # Errors
     /// The wire is broken.
     pub fn send(&self, mut sample: T) -> Result<(), Error> {
+        self.wait_for_readers();
         self.stamp(sample.header_mut());
         let loan = self.publisher.loan_uninit().map_err(|error| self.failed(&error))?;
         loan.write_payload(sample).send().map_err(|error| self.failed(&error))?;
@@ -65,6 +78,7 @@ impl<T: Message> Output<T> {
     /// # Errors
     /// The wire is broken, or `fill` failed.
     pub fn send_with(&self, fill: impl FnOnce(&mut T) -> Result<(), Error>) -> Result<(), Error> {
+        self.wait_for_readers();
         let mut loan = self.publisher.loan_uninit().map_err(|error| self.failed(&error))?;
         let bytes: *mut T = loan.payload_mut().as_mut_ptr();
         // SAFETY: the payload is memory of a mapped file: it is initialised (zeros at first, then what was sent before), and
@@ -96,6 +110,15 @@ impl<T: Message> Output<T> {
             };
             Ok(())
         })
+    }
+
+    /// In a replay nothing may be lost, but what is sent while a reader is not connected and its queue is full is. So the
+    /// first sample waits until the launcher has seen all services ready: each has then connected to those before it.
+    fn wait_for_readers(&self) {
+        let Some(release) = self.release.take() else { return };
+        while !release.exists() && !self.termination.requested() {
+            sleep_until(now_ns() + RELEASE_POLL_NS);
+        }
     }
 
     fn stamp(&self, header: &mut Header) {

@@ -13,6 +13,7 @@ use iceoryx2::service::port_factory::{PortFactory, event, publish_subscribe};
 use messages::{
     Field, Frame, Header, Message, Sinkage, Soil, Supervision, Terrain, TerrainClass, Vibration, Wheel, difference,
 };
+use std::path::PathBuf;
 
 /// The event that a writer rings after each sample.
 pub(crate) const RING: usize = 0;
@@ -29,6 +30,9 @@ const ATTRIBUTE_BYTES: usize = 240;
 
 /// The wire on which the launcher tells how the process set is doing.
 pub const SUPERVISION_WIRE: &str = "launcher/supervision";
+
+/// The file, in the system's folder, by which the launcher says that every reader of a replay is connected.
+pub const RELEASE: &str = "released";
 
 /// What travels through a port of this name, by the catalogue in `messages`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -122,6 +126,7 @@ pub(crate) struct Wire<T: Message> {
 pub struct Domain {
     node: Node<ipc::Service>,
     mode: Mode,
+    root: String,
 }
 
 impl Domain {
@@ -142,6 +147,7 @@ impl Domain {
         Ok(Self {
             node,
             mode: system.system.mode,
+            root: system.root(),
         })
     }
 
@@ -199,6 +205,11 @@ impl Domain {
 
     pub(crate) fn mode(&self) -> Mode {
         self.mode
+    }
+
+    /// The file by which the launcher says that every reader of a replay is connected.
+    pub(crate) fn release(&self) -> PathBuf {
+        PathBuf::from(&self.root).join(RELEASE)
     }
 
     /// Creates a wire. The launcher holds the result for as long as the system runs.
