@@ -8,7 +8,7 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::{BackpressureAction, BackpressureInfo};
 use iceoryx2::prelude::{BackpressureStrategy, ipc};
 use messages::{Header, Message, Status};
-use std::cell::Cell;
+use std::cell::RefCell;
 use std::path::PathBuf;
 
 /// Between two looks for the release of a replay [ns].
@@ -22,7 +22,7 @@ pub struct Output<T: Message> {
     wire: String,
     generation: u32,
     /// What a replay's first sample waits for.
-    release: Cell<Option<PathBuf>>,
+    release: RefCell<Option<PathBuf>>,
     termination: Termination,
 }
 
@@ -55,7 +55,7 @@ impl<T: Message> Output<T> {
             bell,
             wire: wire.into(),
             generation,
-            release: Cell::new(release),
+            release: RefCell::new(release),
             termination,
         })
     }
