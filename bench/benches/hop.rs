@@ -57,8 +57,8 @@ struct Variant {
 enum Medium {
     /// A POSIX semaphore: a futex in shared memory, which carries nothing. The floor of what wakes a process.
     Futex,
-    /// Bytes written to a Unix socket and read from it.
-    Socket { bytes: usize },
+    /// So many bytes written to a Unix socket and read from it.
+    Socket(usize),
     /// A wire, of whose sample so many bytes are copied into shared memory; the reader spins, or waits for the bell.
     Wire { copied: usize, spins: bool },
 }
@@ -67,13 +67,7 @@ const FLOOR: &str = "futex, no message (floor)";
 const VARIANTS: [Variant; 9] = [
     variant(FLOOR, Port::Wheel, Medium::Futex),
     variant("wire, reader spins", Port::Wheel, wire(size_of::<Wheel>(), true)),
-    variant(
-        "Unix socket",
-        Port::Wheel,
-        Medium::Socket {
-            bytes: size_of::<Wheel>(),
-        },
-    ),
+    variant("Unix socket", Port::Wheel, Medium::Socket(size_of::<Wheel>())),
     variant("wire", Port::Wheel, wire(size_of::<Wheel>(), false)),
     variant(FLOOR, Port::Frames, Medium::Futex),
     variant(
@@ -81,7 +75,7 @@ const VARIANTS: [Variant; 9] = [
         Port::Frames,
         wire(HEADER_BYTES, true),
     ),
-    variant("Unix socket", Port::Frames, Medium::Socket { bytes: VGA_BYTES }),
+    variant("Unix socket", Port::Frames, Medium::Socket(VGA_BYTES)),
     variant("wire, picture copied in", Port::Frames, wire(VGA_BYTES, false)),
     variant("wire, picture made in place", Port::Frames, wire(HEADER_BYTES, false)),
 ];
@@ -301,7 +295,7 @@ impl End<'_> {
                 wait: self.semaphore(self.there)?,
                 received: 0,
             }),
-            (Medium::Socket { bytes }, _) => Box::new(SocketLink {
+            (Medium::Socket(bytes), _) => Box::new(SocketLink {
                 socket,
                 message: vec![0; bytes],
             }),
