@@ -148,7 +148,8 @@ impl Shell {
         let wire = self.wire(port, false)?;
         let termination = self.attention.termination.clone();
         let generation = self.generation();
-        Output::open(self.domain()?, &wire, generation, termination)
+        let domain = self.domain()?;
+        Output::open(domain, &wire, generation, domain.release(), termination)
     }
 
     /// Opens a wire that this service writes, if the system file names one: a source may have more to say than is asked.

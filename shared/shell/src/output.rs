@@ -21,17 +21,22 @@ pub struct Output<T: Message> {
     bell: Notifier<ipc::Service>,
     wire: String,
     generation: u32,
-    /// What a replay's first sample waits for.
+    /// What the first sample waits for.
     release: RefCell<Option<PathBuf>>,
     termination: Termination,
 }
 
 impl<T: Message> Output<T> {
-    pub(crate) fn open(domain: &Domain, wire: &str, generation: u32, termination: Termination) -> Result<Self, Error> {
+    pub(crate) fn open(
+        domain: &Domain,
+        wire: &str,
+        generation: u32,
+        release: Option<PathBuf>,
+        termination: Termination,
+    ) -> Result<Self, Error> {
         let opened = domain.open::<T>(wire)?;
         let failed = |what: &dyn std::fmt::Debug| Error::unavailable(format!("cannot write wire {wire}: {what:?}"));
         let builder = opened.samples.publisher_builder().max_loaned_samples(1);
-        let release = (domain.mode() == Mode::Replay).then(|| domain.release());
         let told = termination.clone();
         let builder = match domain.mode() {
             Mode::Live => builder.backpressure_strategy(BackpressureStrategy::DiscardData),

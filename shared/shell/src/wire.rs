@@ -200,16 +200,17 @@ impl Domain {
     /// # Errors
     /// The wire is not there, or its samples have another layout.
     pub fn output<T: Message>(&self, wire: &str, termination: Termination) -> Result<Output<T>, Error> {
-        Output::open(self, wire, 1, termination)
+        Output::open(self, wire, 1, None, termination)
     }
 
     pub(crate) fn mode(&self) -> Mode {
         self.mode
     }
 
-    /// The file by which the launcher says that every reader of a replay is connected.
-    pub(crate) fn release(&self) -> PathBuf {
-        PathBuf::from(&self.root).join(RELEASE)
+    /// What a service's first sample waits for: in a replay, the file by which the launcher says that every reader is
+    /// connected.
+    pub(crate) fn release(&self) -> Option<PathBuf> {
+        (self.mode == Mode::Replay).then(|| PathBuf::from(&self.root).join(RELEASE))
     }
 
     /// Creates a wire. The launcher holds the result for as long as the system runs.
