@@ -1,7 +1,10 @@
 //! Vibration in, the class of the terrain out: the stage.
 
+use crate::decision::{Decision, Opinion, PerClass};
+use crate::features::Extractor;
+use crate::filter::even;
 use crate::model::Model;
-use crate::spectrum::Spectrum;
+use crate::recording::{is_turning, mean};
 use crate::window::{Collector, Quality};
 use messages::{CHANNELS_MAX, Header, SAMPLES_MAX, Status, TerrainClass, Vibration, label, label_text};
 use serde::Deserialize;
@@ -11,12 +14,38 @@ pub const SPEED_CHANNEL: &str = "linear_velocity_m_s";
 /// How far a piece's sampling period may lie from the model's, relative to it.
 const PERIOD_TOLERANCE: f64 = 0.02;
 
+/// Whether the windows before count.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Filtering {
+    /// Each window is decided by itself.
+    None,
+    /// A hidden Markov model's forward filter.
+    #[default]
+    Hmm,
+}
+
+/// Whether a class may be rejected.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Rejecting {
+    /// The most probable class always stands.
+    None,
+    /// By the limits that training found.
+    #[default]
+    Calibrated,
+}
+
 /// What the system file sets.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
     /// Path of a model file; none: the built-in model of the simulated rover.
     pub model: Option<String>,
+    /// Whether the windows before count.
+    pub filter: Filtering,
+    /// Whether a class may be rejected.
+    pub reject: Rejecting,
 }
 
 impl Config {
@@ -34,19 +63,23 @@ impl Config {
 
 /// Collects pieces of vibration into windows and classifies each of them.
 pub struct VibrationClassifier {
+    config: Config,
     model: Model,
     collector: Collector,
-    spectrum: Spectrum,
+    extractor: Extractor,
     features: Vec<f64>,
     /// Where the model's channels, then the speed, stand in a piece.
     places: [Option<usize>; CHANNELS_MAX + 1],
+    belief: PerClass,
+    /// Start of the last window that the belief rests on.
+    believed_ns: Option<u64>,
     decided: TerrainClass,
 }
 
 impl VibrationClassifier {
     /// For a validated configuration and model.
     #[must_use]
-    pub fn new(_config: Config, model: Model) -> Self {
+    pub fn new(config: Config, model: Model) -> Self {
         let mut decided = TerrainClass::undecided(Header {
             status: Status::WARMING_UP,
             ..Header::default()
@@ -56,12 +89,16 @@ impl VibrationClassifier {
         for (name, text) in decided.labels.iter_mut().zip(&model.labels) {
             *name = label(text);
         }
+        let extractor = Extractor::new(model.features.clone(), model.window_samples, model.rate_hz);
         Self {
             collector: Collector::new(model.channels.len() + 1, model.window_samples, 1e9 / model.rate_hz),
-            spectrum: Spectrum::new(model.window_samples, model.rate_hz, model.tapers),
-            features: vec![0.0; model.features()],
+            features: vec![0.0; extractor.count()],
+            extractor,
             places: [None; CHANNELS_MAX + 1],
+            belief: even(model.labels.len()),
+            believed_ns: None,
             decided,
+            config,
             model,
         }
     }
@@ -150,37 +187,51 @@ impl VibrationClassifier {
         self.decided.start_ns = self.collector.start_ns();
         let channels = self.model.channels.len();
         let quality = self.collector.repair(channels);
-        if self.stands_still() {
-            return self.forget(Status::STANDING_STILL);
-        }
         match quality {
             Quality::Incomplete => return self.forget(Status::INCOMPLETE),
             Quality::WrongRate => return self.forget(Status::INPUT_REJECTED),
-            Quality::Faulty => return self.forget(Status::SENSOR_FAULT),
-            Quality::Good => {}
+            Quality::Faulty | Quality::Good => {}
         }
-        let bins = self.spectrum.bins();
-        for (channel, features) in self.features.chunks_exact_mut(bins).enumerate() {
-            self.spectrum.log_psd(self.collector.channel(channel), features);
+        let collector = &self.collector;
+        self.extractor
+            .extract(|channel| collector.channel(channel), &mut self.features);
+        let speed_m_s = mean(self.collector.channel(channels));
+        let turning = is_turning(&self.collector, &self.model.channels);
+        let level = self.extractor.level(&self.features);
+        if self.model.speed.is_still(speed_m_s, turning, level) {
+            return self.forget(Status::STANDING_STILL);
         }
-        let decision = self.model.decide(&self.features);
+        if quality == Quality::Faulty {
+            return self.forget(Status::SENSOR_FAULT);
+        }
+        let opinion = self
+            .model
+            .consult(&self.features, self.model.speed.log_ratio(speed_m_s));
+        let decision = match self.config.filter {
+            Filtering::None => self.model.decide(&opinion),
+            Filtering::Hmm => self.filtered(&opinion),
+        };
+        let unknown = decision.unknown && self.config.reject == Rejecting::Calibrated;
         self.decided.class = decision.class as u32;
-        self.decided.unknown = u32::from(decision.unknown);
+        self.decided.unknown = u32::from(unknown);
         self.decided.metric = decision.metric;
         self.decided.probability = decision.probability;
-        self.decided.header.status = if decision.unknown {
-            Status::UNKNOWN_TERRAIN
-        } else {
-            Status::OK
-        };
+        self.decided.header.status = if unknown { Status::UNKNOWN_TERRAIN } else { Status::OK };
     }
 
-    /// True where the speed is known and too low.
-    fn stands_still(&self) -> bool {
-        let speeds = self.collector.channel(self.model.channels.len());
-        let known = speeds.iter().filter(|speed| speed.is_finite());
-        let (count, sum) = known.fold((0.0, 0.0), |(count, sum), speed| (count + 1.0, sum + speed));
-        count > 0.0 && (sum / count).abs() < self.model.still_m_s
+    /// Decides with the windows before.
+    fn filtered(&mut self, opinion: &Opinion) -> Decision {
+        let start_ns = self.collector.start_ns();
+        let elapsed_s = match self.believed_ns.replace(start_ns) {
+            Some(last_ns) => start_ns.saturating_sub(last_ns) as f64 / 1e9,
+            None => self.model.window_s(),
+        };
+        let classes = self.model.labels.len();
+        self.belief = self
+            .model
+            .filter
+            .update(&self.belief, &opinion.probability, classes, elapsed_s);
+        self.model.decide_filtered(opinion, &self.belief)
     }
 
     /// Leaves nothing decided.

@@ -1,0 +1,211 @@
+//! Numbers found from windows left out of the training: how far to believe, and what to reject.
+
+use crate::decision::{Decision, Opinion, PerClass, calibrated};
+use crate::filter::{Filter, even};
+use crate::model::{Method, Model};
+use crate::score::Scored;
+use crate::train::quantile;
+use crate::training_set::TrainingSet;
+use messages::CLASSES_MAX;
+
+/// Share of the windows, the same of each class, that is to be rejected.
+const UNKNOWN_SHARE: f64 = 0.08;
+/// Share of them that is rejected for being far from its class.
+const FAR_SHARE: f64 = 0.01;
+/// A class more probable than this is never rejected ...
+const CONFIDENCE_MAX: f64 = 0.7;
+/// ... and none for a metric nearer than this, in its standard deviations.
+const DISTANCE_MIN: f64 = 3.0;
+/// Exponents of probabilities tried: 1 is to believe them as they are.
+const EXPONENTS: [f64; 12] = [0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0, 1.3];
+/// Belief in another class with which a recording is entered: the filter has to notice the change.
+const BELIEF_BEFORE: f64 = 0.95;
+/// Probabilities are taken to be at least this.
+const PROBABILITY_MIN: f64 = 1e-6;
+
+/// A window that was left out of the training, and what was decided of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Validated {
+    /// Index of the recording.
+    pub run: usize,
+    /// Sensor instant of the window's first sample.
+    pub start_ns: u64,
+    /// By itself.
+    pub alone: Scored,
+    /// With the windows before it, after a change of terrain at the start of the recording.
+    pub filtered: Scored,
+}
+
+/// Sets the model's calibrated numbers by what was said of windows left out, and decides on these.
+pub fn calibrate(model: &mut Model, set: &TrainingSet, opinions: &[(usize, Opinion)]) -> Vec<Validated> {
+    model.probability_exponent = best_exponent(set, opinions);
+    let opinions: Vec<(usize, Opinion)> = opinions
+        .iter()
+        .map(|(window, opinion)| {
+            let probability = calibrated(&opinion.probability, model.probability_exponent);
+            (
+                *window,
+                Opinion {
+                    probability,
+                    ..*opinion
+                },
+            )
+        })
+        .collect();
+    let weights = EXPONENTS.map(|weight| {
+        let filter = Filter { weight, ..model.filter };
+        let filtered = filter_all(&filter, set, &opinions);
+        (
+            log_loss(set, opinions.iter().map(|(window, _)| *window).zip(filtered)),
+            weight,
+        )
+    });
+    model.filter.weight = weights
+        .into_iter()
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map_or(1.0, |best| best.1);
+    let filtered = filter_all(&model.filter, set, &opinions);
+    if model.method == Method::Coupled {
+        model.reject.distance_max = f64::INFINITY;
+        let far = |(window, opinion): &(usize, Opinion)| (*window, -opinion.distance[model.decide(opinion).class]);
+        model.reject.distance_max = DISTANCE_MIN.max(-floor(set, opinions.iter().map(far), FAR_SHARE));
+        let sure = |(window, opinion): &(usize, Opinion)| (*window, confidence(&model.decide(opinion)));
+        model.reject.confidence_min = CONFIDENCE_MAX.min(floor(set, opinions.iter().map(sure), UNKNOWN_SHARE));
+    }
+    let sure = opinions
+        .iter()
+        .zip(&filtered)
+        .map(|((window, opinion), probability)| (*window, confidence(&model.decide_filtered(opinion, probability))));
+    model.filter.confidence_min = CONFIDENCE_MAX.min(floor(set, sure, UNKNOWN_SHARE));
+    opinions
+        .iter()
+        .zip(&filtered)
+        .map(|((window, opinion), probability)| Validated {
+            run: set.runs[*window],
+            start_ns: set.starts_ns[*window],
+            alone: scored(set, *window, &model.decide(opinion)),
+            filtered: scored(set, *window, &model.decide_filtered(opinion, probability)),
+        })
+        .collect()
+}
+
+fn scored(set: &TrainingSet, window: usize, decision: &Decision) -> Scored {
+    Scored {
+        truth: set.classes[window],
+        class: decision.class,
+        unknown: decision.unknown,
+        probability: decision.probability,
+    }
+}
+
+/// Probability of the chosen class; 0 for what is rejected already.
+fn confidence(decision: &Decision) -> f64 {
+    if decision.unknown {
+        0.0
+    } else {
+        decision.probability[decision.class]
+    }
+}
+
+/// The value below which a share of the windows lies, the mean of what each class says.
+fn floor(set: &TrainingSet, values: impl Iterator<Item = (usize, f64)> + Clone, share: f64) -> f64 {
+    let of_class = |class: usize| {
+        let own = values.clone().filter(|(window, _)| set.classes[*window] == class);
+        quantile(own.map(|(_, value)| value).collect(), share)
+    };
+    let floors: Vec<f64> = (0..set.class_count).filter_map(of_class).collect();
+    let mut low = floors.iter().copied().fold(f64::INFINITY, f64::min);
+    let mut high = floors.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let share_below = |limit: f64| -> f64 {
+        let below = |class: usize| {
+            let own = values.clone().filter(|(window, _)| set.classes[*window] == class);
+            let (count, hits) = own.fold((0.0, 0.0), |(count, hits), (_, value)| {
+                (count + 1.0, hits + f64::from(u8::from(value < limit)))
+            });
+            hits / f64::max(count, 1.0)
+        };
+        (0..set.class_count).map(below).sum::<f64>() / set.class_count as f64
+    };
+    // The share grows with the limit: halve the interval until it is narrow.
+    for _ in 0..40 {
+        let middle = (low + high) / 2.0;
+        if share_below(middle) <= share {
+            low = middle
+        } else {
+            high = middle
+        }
+    }
+    if low.is_finite() { low } else { 0.0 }
+}
+
+/// What the filter makes of the windows, recording by recording, each entered from another class.
+fn filter_all(filter: &Filter, set: &TrainingSet, opinions: &[(usize, Opinion)]) -> Vec<PerClass> {
+    let classes = set.class_count;
+    let mut filtered = vec![[0.0; CLASSES_MAX]; opinions.len()];
+    for run in 0..set.runs.iter().max().map_or(0, |last| last + 1) {
+        let mut belief = even(classes);
+        let mut last_ns: Option<u64> = None;
+        for (index, (window, opinion)) in opinions.iter().enumerate() {
+            if set.runs[*window] != run {
+                continue;
+            }
+            let start_ns = set.starts_ns[*window];
+            if last_ns.is_none() && classes > 1 {
+                let other = (set.classes[*window] + 1 + run % (classes - 1)) % classes;
+                belief = std::array::from_fn(|class| match class {
+                    _ if class == other => BELIEF_BEFORE,
+                    _ if class < classes => (1.0 - BELIEF_BEFORE) / (classes - 1) as f64,
+                    _ => 0.0,
+                });
+            }
+            let elapsed_s = last_ns.map_or(set.window_s, |last_ns| start_ns.saturating_sub(last_ns) as f64 / 1e9);
+            belief = filter.update(&belief, &opinion.probability, classes, elapsed_s);
+            filtered[index] = belief;
+            last_ns = Some(start_ns);
+        }
+    }
+    filtered
+}
+
+/// The exponent with which probabilities lose least against the truth.
+pub(crate) fn best_exponent(set: &TrainingSet, opinions: &[(usize, Opinion)]) -> f64 {
+    let losses = EXPONENTS.map(|exponent| {
+        let changed = opinions
+            .iter()
+            .map(|(window, opinion)| (*window, calibrated(&opinion.probability, exponent)));
+        (log_loss(set, changed), exponent)
+    });
+    losses
+        .into_iter()
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map_or(1.0, |best| best.1)
+}
+
+/// Mean of -ln of the true class's probability; classes count alike.
+fn log_loss(set: &TrainingSet, windows: impl Iterator<Item = (usize, PerClass)>) -> f64 {
+    class_mean(
+        set,
+        windows.map(|(window, probability)| (window, -probability[set.classes[window]].max(PROBABILITY_MIN).ln())),
+    )
+}
+
+/// Mean probability of the true class; classes count alike.
+pub(crate) fn mean_probability(set: &TrainingSet, opinions: &[(usize, Opinion)], exponent: f64) -> f64 {
+    let of_truth = |(window, opinion): &(usize, Opinion)| {
+        (
+            *window,
+            calibrated(&opinion.probability, exponent)[set.classes[*window]],
+        )
+    };
+    class_mean(set, opinions.iter().map(of_truth))
+}
+
+fn class_mean(set: &TrainingSet, values: impl Iterator<Item = (usize, f64)>) -> f64 {
+    let mut sums = vec![(0.0, 0.0); set.class_count];
+    for (window, value) in values {
+        let sum = &mut sums[set.classes[window]];
+        sum.0 += value;
+        sum.1 += 1.0;
+    }
+    sums.iter().map(|(sum, count)| sum / f64::max(*count, 1.0)).sum::<f64>() / set.class_count.max(1) as f64
+}
