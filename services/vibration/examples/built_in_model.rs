@@ -2,7 +2,7 @@
 //! `cargo run --release -p vibration --example built_in_model > services/vibration/src/built_in.toml`
 
 use simulation::{CHANNELS, Config, Rover, SOILS};
-use vibration::model::Method;
+use vibration::model::{Filtering, Method, Rejecting};
 use vibration::recording::Recording;
 use vibration::train::{Setup, train};
 
@@ -26,6 +26,8 @@ pub fn built_in_model() -> Result<String, String> {
         rate_hz: RATE_HZ,
         window_samples: WINDOW_SAMPLES,
         method: Method::Coupled,
+        filtering: Filtering::Hmm,
+        rejecting: Rejecting::Calibrated,
         still_m_s: None,
     };
     let mut recordings = Vec::new();
@@ -48,7 +50,7 @@ fn drive(class: usize, seed: u64) -> Recording {
         .collect();
     let channel = |index: usize| samples.iter().map(|sample| f64::from(sample[index])).collect();
     Recording {
-        name: format!("{}_{seed}", SOILS[class].name),
+        run: format!("{}_{seed}", SOILS[class].name),
         class,
         taken_ns: (0..count).map(|index| (index as f64 * 1e9 / RATE_HZ) as u64).collect(),
         channels: (0..6).map(channel).collect(),

@@ -1,12 +1,13 @@
 //! Numbers found from windows left out of the training: how far to believe, and what to reject.
 
 use crate::decision::{Decision, Opinion, PerClass, calibrated};
-use crate::filter::{Filter, even};
+use crate::filter::{Filter, before_change};
 use crate::model::{Method, Model};
 use crate::score::Scored;
 use crate::train::quantile;
 use crate::training_set::TrainingSet;
 use messages::CLASSES_MAX;
+use std::collections::BTreeMap;
 
 /// Share of the windows, the same of each class, that is to be rejected.
 const UNKNOWN_SHARE: f64 = 0.08;
@@ -18,8 +19,6 @@ const CONFIDENCE_MAX: f64 = 0.7;
 const DISTANCE_MIN: f64 = 3.0;
 /// Exponents of probabilities tried: 1 is to believe them as they are.
 const EXPONENTS: [f64; 12] = [0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.0, 1.3];
-/// Belief in another class with which a recording is entered: the filter has to notice the change.
-const BELIEF_BEFORE: f64 = 0.95;
 /// Probabilities are taken to be at least this.
 const PROBABILITY_MIN: f64 = 1e-6;
 
@@ -27,7 +26,7 @@ const PROBABILITY_MIN: f64 = 1e-6;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Validated {
     /// Index of the recording.
-    pub run: usize,
+    pub recording: usize,
     /// Sensor instant of the window's first sample.
     pub start_ns: u64,
     /// By itself.
@@ -77,16 +76,32 @@ pub fn calibrate(model: &mut Model, set: &TrainingSet, opinions: &[(usize, Opini
         .zip(&filtered)
         .map(|((window, opinion), probability)| (*window, confidence(&model.decide_filtered(opinion, probability))));
     model.filter.confidence_min = CONFIDENCE_MAX.min(floor(set, sure, UNKNOWN_SHARE));
-    opinions
+    let validated: Vec<Validated> = opinions
         .iter()
         .zip(&filtered)
         .map(|((window, opinion), probability)| Validated {
-            run: set.runs[*window],
+            recording: set.recordings[*window],
             start_ns: set.starts_ns[*window],
             alone: scored(set, *window, &model.decide(opinion)),
             filtered: scored(set, *window, &model.decide_filtered(opinion, probability)),
         })
-        .collect()
+        .collect();
+    model.filter.lag_s = lag_s(&validated, set.window_s);
+    validated
+}
+
+/// How long it takes until the class after a change of terrain is named: the median over the recordings, one in which it
+/// never is counting with its length.
+fn lag_s(validated: &[Validated], window_s: f64) -> f64 {
+    let mut lags: BTreeMap<usize, (f64, bool)> = BTreeMap::new();
+    for window in validated {
+        let (lag, named) = lags.entry(window.recording).or_default();
+        if !*named {
+            *lag += window_s;
+            *named = window.filtered.class == window.filtered.truth;
+        }
+    }
+    quantile(lags.into_values().map(|lag| lag.0).collect(), 0.5).unwrap_or(0.0)
 }
 
 fn scored(set: &TrainingSet, window: usize, decision: &Decision) -> Scored {
@@ -142,27 +157,16 @@ fn floor(set: &TrainingSet, values: impl Iterator<Item = (usize, f64)> + Clone, 
 fn filter_all(filter: &Filter, set: &TrainingSet, opinions: &[(usize, Opinion)]) -> Vec<PerClass> {
     let classes = set.class_count;
     let mut filtered = vec![[0.0; CLASSES_MAX]; opinions.len()];
-    for run in 0..set.runs.iter().max().map_or(0, |last| last + 1) {
-        let mut belief = even(classes);
-        let mut last_ns: Option<u64> = None;
-        for (index, (window, opinion)) in opinions.iter().enumerate() {
-            if set.runs[*window] != run {
-                continue;
-            }
-            let start_ns = set.starts_ns[*window];
-            if last_ns.is_none() && classes > 1 {
-                let other = (set.classes[*window] + 1 + run % (classes - 1)) % classes;
-                belief = std::array::from_fn(|class| match class {
-                    _ if class == other => BELIEF_BEFORE,
-                    _ if class < classes => (1.0 - BELIEF_BEFORE) / (classes - 1) as f64,
-                    _ => 0.0,
-                });
-            }
-            let elapsed_s = last_ns.map_or(set.window_s, |last_ns| start_ns.saturating_sub(last_ns) as f64 / 1e9);
-            belief = filter.update(&belief, &opinion.probability, classes, elapsed_s);
-            filtered[index] = belief;
-            last_ns = Some(start_ns);
-        }
+    // The belief of each recording, and when it was last changed.
+    let mut states: BTreeMap<usize, (PerClass, u64)> = BTreeMap::new();
+    for ((window, opinion), filtered) in opinions.iter().zip(&mut filtered) {
+        let (recording, start_ns) = (set.recordings[*window], set.starts_ns[*window]);
+        let (belief, elapsed_s) = match states.get(&recording) {
+            Some((belief, last_ns)) => (*belief, start_ns.saturating_sub(*last_ns) as f64 / 1e9),
+            None => (before_change(set.classes[*window], recording, classes), set.window_s),
+        };
+        *filtered = filter.update(&belief, &opinion.probability, classes, elapsed_s);
+        states.insert(recording, (*filtered, start_ns));
     }
     filtered
 }

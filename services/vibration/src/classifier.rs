@@ -1,11 +1,10 @@
 //! Vibration in, the class of the terrain out: the stage.
 
-use crate::decision::{Decision, Opinion, PerClass};
+use crate::decision::Decider;
 use crate::features::Extractor;
-use crate::filter::even;
-use crate::model::Model;
-use crate::recording::{is_turning, mean};
-use crate::window::{Collector, Quality};
+use crate::model::{Filtering, Model, Rejecting};
+use crate::recording::Window;
+use crate::window::Collector;
 use messages::{CHANNELS_MAX, Header, SAMPLES_MAX, Status, TerrainClass, Vibration, label, label_text};
 use serde::Deserialize;
 
@@ -14,38 +13,16 @@ pub const SPEED_CHANNEL: &str = "linear_velocity_m_s";
 /// How far a piece's sampling period may lie from the model's, relative to it.
 const PERIOD_TOLERANCE: f64 = 0.02;
 
-/// Whether the windows before count.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Filtering {
-    /// Each window is decided by itself.
-    None,
-    /// A hidden Markov model's forward filter.
-    #[default]
-    Hmm,
-}
-
-/// Whether a class may be rejected.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Rejecting {
-    /// The most probable class always stands.
-    None,
-    /// By the limits that training found.
-    #[default]
-    Calibrated,
-}
-
 /// What the system file sets.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Config {
     /// Path of a model file; none: the built-in model of the simulated rover.
     pub model: Option<String>,
-    /// Whether the windows before count.
-    pub filter: Filtering,
-    /// Whether a class may be rejected.
-    pub reject: Rejecting,
+    /// Whether the windows before count; none: as the model says.
+    pub filter: Option<Filtering>,
+    /// Whether a class may be rejected; none: as the model says.
+    pub reject: Option<Rejecting>,
 }
 
 impl Config {
@@ -63,16 +40,12 @@ impl Config {
 
 /// Collects pieces of vibration into windows and classifies each of them.
 pub struct VibrationClassifier {
-    config: Config,
-    model: Model,
+    decider: Decider,
     collector: Collector,
     extractor: Extractor,
-    features: Vec<f64>,
+    window: Window,
     /// Where the model's channels, then the speed, stand in a piece.
     places: [Option<usize>; CHANNELS_MAX + 1],
-    belief: PerClass,
-    /// Start of the last window that the belief rests on.
-    believed_ns: Option<u64>,
     decided: TerrainClass,
 }
 
@@ -80,6 +53,7 @@ impl VibrationClassifier {
     /// For a validated configuration and model.
     #[must_use]
     pub fn new(config: Config, model: Model) -> Self {
+        let Config { filter, reject, .. } = config;
         let mut decided = TerrainClass::undecided(Header {
             status: Status::WARMING_UP,
             ..Header::default()
@@ -92,14 +66,11 @@ impl VibrationClassifier {
         let extractor = Extractor::new(model.features.clone(), model.window_samples, model.rate_hz);
         Self {
             collector: Collector::new(model.channels.len() + 1, model.window_samples, 1e9 / model.rate_hz),
-            features: vec![0.0; extractor.count()],
+            window: Window::prepared(&extractor),
             extractor,
             places: [None; CHANNELS_MAX + 1],
-            belief: even(model.labels.len()),
-            believed_ns: None,
             decided,
-            config,
-            model,
+            decider: Decider::new(model, filter, reject),
         }
     }
 
@@ -128,16 +99,16 @@ impl VibrationClassifier {
     /// # Errors
     /// Says what differs, and what the model was trained with.
     pub fn check_fit(&self, piece: &Vibration) -> Result<(), String> {
-        let period_ns = 1e9 / self.model.rate_hz;
+        let period_ns = 1e9 / self.decider.model().rate_hz;
         if (piece.period_ns as f64 - period_ns).abs() > PERIOD_TOLERANCE * period_ns {
             return Err(format!(
                 "the model was trained at {} Hz, the vibration comes at {:.3} Hz",
-                self.model.rate_hz,
+                self.decider.model().rate_hz,
                 1e9 / piece.period_ns.max(1) as f64
             ));
         }
         let offered = &piece.channels[..channel_count(piece)];
-        for name in &self.model.channels {
+        for name in &self.decider.model().channels {
             if !offered.iter().any(|label| label_text(label) == name) {
                 let names: Vec<&str> = offered.iter().map(|label| label_text(label)).collect();
                 return Err(format!(
@@ -151,16 +122,17 @@ impl VibrationClassifier {
 
     /// Finds the model's channels in the piece; false where one is missing or the rate differs.
     fn fits(&mut self, piece: &Vibration) -> bool {
-        let period_ns = 1e9 / self.model.rate_hz;
+        let period_ns = 1e9 / self.decider.model().rate_hz;
         if (piece.period_ns as f64 - period_ns).abs() > PERIOD_TOLERANCE * period_ns {
             return false;
         }
         let offered = &piece.channels[..channel_count(piece)];
-        let names = self.model.channels.iter().map(String::as_str).chain([SPEED_CHANNEL]);
+        let channels = &self.decider.model().channels;
+        let names = channels.iter().map(String::as_str).chain([SPEED_CHANNEL]);
         for (place, name) in self.places.iter_mut().zip(names) {
             *place = offered.iter().position(|label| label_text(label) == name);
         }
-        self.places[..self.model.channels.len()].iter().all(Option::is_some)
+        self.places[..channels.len()].iter().all(Option::is_some)
     }
 
     fn collect(&mut self, piece: &Vibration) {
@@ -184,54 +156,22 @@ impl VibrationClassifier {
     /// Decides on the full window.
     fn classify(&mut self) {
         self.decided.windows = self.decided.windows.saturating_add(1);
-        self.decided.start_ns = self.collector.start_ns();
-        let channels = self.model.channels.len();
-        let quality = self.collector.repair(channels);
-        match quality {
-            Quality::Incomplete => return self.forget(Status::INCOMPLETE),
-            Quality::WrongRate => return self.forget(Status::INPUT_REJECTED),
-            Quality::Faulty | Quality::Good => {}
-        }
-        let collector = &self.collector;
-        self.extractor
-            .extract(|channel| collector.channel(channel), &mut self.features);
-        let speed_m_s = mean(self.collector.channel(channels));
-        let turning = is_turning(&self.collector, &self.model.channels);
-        let level = self.extractor.level(&self.features);
-        if self.model.speed.is_still(speed_m_s, turning, level) {
-            return self.forget(Status::STANDING_STILL);
-        }
-        if quality == Quality::Faulty {
-            return self.forget(Status::SENSOR_FAULT);
-        }
-        let opinion = self
-            .model
-            .consult(&self.features, self.model.speed.log_ratio(speed_m_s));
-        let decision = match self.config.filter {
-            Filtering::None => self.model.decide(&opinion),
-            Filtering::Hmm => self.filtered(&opinion),
+        let channels = &self.decider.model().channels;
+        self.window.measure(&mut self.collector, &mut self.extractor, channels);
+        self.decided.start_ns = self.window.start_ns;
+        let decision = match self.decider.decide(&self.window) {
+            Ok(decision) => decision,
+            Err(status) => return self.forget(status),
         };
-        let unknown = decision.unknown && self.config.reject == Rejecting::Calibrated;
         self.decided.class = decision.class as u32;
-        self.decided.unknown = u32::from(unknown);
+        self.decided.unknown = u32::from(decision.unknown);
         self.decided.metric = decision.metric;
         self.decided.probability = decision.probability;
-        self.decided.header.status = if unknown { Status::UNKNOWN_TERRAIN } else { Status::OK };
-    }
-
-    /// Decides with the windows before.
-    fn filtered(&mut self, opinion: &Opinion) -> Decision {
-        let start_ns = self.collector.start_ns();
-        let elapsed_s = match self.believed_ns.replace(start_ns) {
-            Some(last_ns) => start_ns.saturating_sub(last_ns) as f64 / 1e9,
-            None => self.model.window_s(),
+        self.decided.header.status = if decision.unknown {
+            Status::UNKNOWN_TERRAIN
+        } else {
+            Status::OK
         };
-        let classes = self.model.labels.len();
-        self.belief = self
-            .model
-            .filter
-            .update(&self.belief, &opinion.probability, classes, elapsed_s);
-        self.model.decide_filtered(opinion, &self.belief)
     }
 
     /// Leaves nothing decided.

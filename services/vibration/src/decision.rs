@@ -2,8 +2,11 @@
 
 use crate::coupling::{PairTable, couple};
 use crate::discriminant::Discriminant;
-use crate::model::{Method, Model, class_pairs};
-use messages::CLASSES_MAX;
+use crate::filter::even;
+use crate::model::{Filtering, Method, Model, Rejecting, class_pairs};
+use crate::recording::Window;
+use crate::window::Quality;
+use messages::{CLASSES_MAX, Status};
 
 /// One number a class.
 pub type PerClass = [f64; CLASSES_MAX];
@@ -59,6 +62,80 @@ pub struct Decision {
     pub metric: f64,
     /// Probability of each class.
     pub probability: PerClass,
+}
+
+/// Decides on one window after the other.
+pub struct Decider {
+    model: Model,
+    filtering: Filtering,
+    rejecting: Rejecting,
+    belief: PerClass,
+    /// Start of the last window that the belief rests on.
+    believed_ns: Option<u64>,
+}
+
+impl Decider {
+    /// By a validated model, filtering and rejecting as it says or as it is told.
+    #[must_use]
+    pub fn new(model: Model, filtering: Option<Filtering>, rejecting: Option<Rejecting>) -> Self {
+        Self {
+            filtering: filtering.unwrap_or(model.filtering),
+            rejecting: rejecting.unwrap_or(model.rejecting),
+            belief: even(model.labels.len()),
+            believed_ns: None,
+            model,
+        }
+    }
+
+    /// The model.
+    #[must_use]
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// Starts another drive, with a belief about its terrain.
+    pub fn enter(&mut self, belief: PerClass) {
+        self.belief = belief;
+        self.believed_ns = None;
+    }
+
+    /// Decides on the next window.
+    ///
+    /// # Errors
+    /// Says why there is nothing to decide: bad data, or a vehicle that stands still.
+    pub fn decide(&mut self, window: &Window) -> Result<Decision, Status> {
+        match window.quality {
+            Quality::Incomplete => return Err(Status::INCOMPLETE),
+            Quality::WrongRate => return Err(Status::INPUT_REJECTED),
+            Quality::Faulty | Quality::Good => {}
+        }
+        if self.model.speed.stands_still(window) {
+            return Err(Status::STANDING_STILL);
+        }
+        if window.quality == Quality::Faulty {
+            return Err(Status::SENSOR_FAULT);
+        }
+        let log_speed = self.model.speed.log_ratio(window.speed_m_s);
+        let opinion = self.model.consult(&window.features, log_speed);
+        let mut decision = match self.filtering {
+            Filtering::None => self.model.decide(&opinion),
+            Filtering::Hmm => self.filtered(window.start_ns, &opinion),
+        };
+        decision.unknown &= self.rejecting == Rejecting::Calibrated;
+        Ok(decision)
+    }
+
+    /// Decides with the windows before.
+    fn filtered(&mut self, start_ns: u64, opinion: &Opinion) -> Decision {
+        let elapsed_s = match self.believed_ns.replace(start_ns) {
+            Some(last_ns) => start_ns.saturating_sub(last_ns) as f64 / 1e9,
+            None => self.model.window_s(),
+        };
+        let classes = self.model.labels.len();
+        let filter = &self.model.filter;
+        self.belief = filter.update(&self.belief, &opinion.probability, classes, elapsed_s);
+        self.model.decide_filtered(opinion, &self.belief)
+    }
 }
 
 impl Model {

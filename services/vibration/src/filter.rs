@@ -14,6 +14,8 @@ pub struct Filter {
     pub weight: f64,
     /// The most probable class is rejected where it is less probable than this.
     pub confidence_min: f64,
+    /// How long after a change of terrain the new class is named [s]: the median over the recordings left out.
+    pub lag_s: f64,
 }
 
 impl Filter {
@@ -46,6 +48,24 @@ pub fn even(classes: usize) -> PerClass {
     std::array::from_fn(|class| if class < classes { 1.0 / classes as f64 } else { 0.0 })
 }
 
+/// Belief in another class just before a change of terrain.
+const BELIEF_BEFORE: f64 = 0.95;
+
+/// What is believed just before the terrain changes to `class`: nearly surely another one; which, goes round with `turn`.
+#[must_use]
+pub fn before_change(class: usize, turn: usize, classes: usize) -> PerClass {
+    let classes = classes.clamp(1, CLASSES_MAX);
+    if classes == 1 {
+        return even(classes);
+    }
+    let other = (class + 1 + turn % (classes - 1)) % classes;
+    std::array::from_fn(|index| match index {
+        _ if index == other => BELIEF_BEFORE,
+        _ if index < classes => (1.0 - BELIEF_BEFORE) / (classes - 1) as f64,
+        _ => 0.0,
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -54,6 +74,7 @@ mod tests {
         stay_per_s: 0.9,
         weight: 1.0,
         confidence_min: 0.0,
+        lag_s: 0.0,
     };
 
     fn two(first: f64) -> PerClass {
@@ -91,6 +112,19 @@ mod tests {
             belief = FILTER.update(&belief, &two(0.2), 2, 1.0);
         }
         assert!(belief[0] < 0.5);
+    }
+
+    #[test]
+    fn what_is_believed_before_a_change_is_never_the_class_after_it() {
+        for classes in 2..=CLASSES_MAX {
+            for class in 0..classes {
+                for turn in 0..40 {
+                    let belief = before_change(class, turn, classes);
+                    assert!((belief.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+                    assert!(belief[class] < 0.06 && belief[..classes].iter().any(|p| *p == BELIEF_BEFORE));
+                }
+            }
+        }
     }
 
     #[test]

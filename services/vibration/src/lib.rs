@@ -8,6 +8,7 @@ pub mod classifier;
 pub mod coupling;
 pub mod decision;
 pub mod discriminant;
+pub mod evaluate;
 pub mod features;
 pub mod filter;
 pub mod model;

@@ -25,6 +25,26 @@ pub enum Method {
     Coupled,
 }
 
+/// Whether the windows before count.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Filtering {
+    /// Each window is decided by itself.
+    None,
+    /// A hidden Markov model's forward filter.
+    Hmm,
+}
+
+/// Whether a class may be rejected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Rejecting {
+    /// The most probable class always stands.
+    None,
+    /// By the limits that training found.
+    Calibrated,
+}
+
 /// When the chosen class is rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -55,6 +75,10 @@ pub struct Model {
     pub format: String,
     /// How a window is decided.
     pub method: Method,
+    /// Whether the windows before count, where nothing else is said.
+    pub filtering: Filtering,
+    /// Whether a class may be rejected, where nothing else is said.
+    pub rejecting: Rejecting,
     /// The classes' names.
     pub labels: Vec<String>,
     /// The channels' names, as they stand in a piece of vibration.
@@ -186,6 +210,7 @@ impl Model {
         within("filter.stay_per_s", self.filter.stay_per_s, 0.0, 1.0)?;
         within("filter.weight", self.filter.weight, 1e-3, 1e3)?;
         within("filter.confidence_min", self.filter.confidence_min, 0.0, 1.0)?;
+        within("filter.lag_s", self.filter.lag_s, 0.0, 1e9)?;
         self.validate_pairs()
     }
 

@@ -3,11 +3,11 @@
 use crate::features::Extractor;
 use crate::window::{Collector, Quality};
 
-/// One recorded run.
+/// One recording: a file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
-    /// Its name.
-    pub name: String,
+    /// The run that it belongs to: recordings of one run resemble each other, and are left out together.
+    pub run: String,
     /// Index of the terrain's class.
     pub class: usize,
     /// Sensor instant of each sample.
@@ -24,7 +24,7 @@ pub struct Window {
     /// Sensor instant of the first sample.
     pub start_ns: u64,
     /// Index of the recording.
-    pub run: usize,
+    pub recording: usize,
     /// False for the windows that overlap others half: they are for training only.
     pub scored: bool,
     /// What the window is worth.
@@ -37,6 +37,33 @@ pub struct Window {
     pub turning: bool,
     /// The features.
     pub features: Vec<f64>,
+}
+
+impl Window {
+    /// One in which windows are measured, one after the other.
+    #[must_use]
+    pub fn prepared(extractor: &Extractor) -> Self {
+        Self {
+            start_ns: 0,
+            recording: 0,
+            scored: true,
+            quality: Quality::Incomplete,
+            speed_m_s: f64::NAN,
+            level: f64::NAN,
+            turning: false,
+            features: vec![0.0; extractor.count()],
+        }
+    }
+
+    /// Takes in what has been collected: the named channels, and the speed behind them.
+    pub fn measure(&mut self, collector: &mut Collector, extractor: &mut Extractor, channels: &[String]) {
+        self.start_ns = collector.start_ns();
+        self.quality = collector.repair(channels.len());
+        extractor.extract(|channel| collector.channel(channel), &mut self.features);
+        self.speed_m_s = mean(collector.channel(channels.len()));
+        self.level = extractor.level(&self.features);
+        self.turning = is_turning(collector, channels);
+    }
 }
 
 /// How recordings are cut.
@@ -53,24 +80,18 @@ pub struct Cutter {
 impl Cutter {
     /// All windows of a recording, in order of time; with `overlap`, also those that start half a window later.
     #[must_use]
-    pub fn cut(&self, run: usize, recording: &Recording, extractor: &mut Extractor, overlap: bool) -> Vec<Window> {
+    pub fn cut(&self, index: usize, recording: &Recording, extractor: &mut Extractor, overlap: bool) -> Vec<Window> {
         let mut windows = Vec::new();
+        let mut window = Window {
+            recording: index,
+            ..Window::prepared(extractor)
+        };
         let starts: &[usize] = if overlap { &[0, self.window_samples / 2] } else { &[0] };
         for skipped in starts {
             self.for_each_window(recording, *skipped, |collector| {
-                let quality = collector.repair(self.channels.len());
-                let mut features = vec![0.0; extractor.count()];
-                extractor.extract(|channel| collector.channel(channel), &mut features);
-                windows.push(Window {
-                    start_ns: collector.start_ns(),
-                    run,
-                    scored: *skipped == 0,
-                    quality,
-                    speed_m_s: mean(collector.channel(self.channels.len())),
-                    level: extractor.level(&features),
-                    turning: is_turning(collector, &self.channels),
-                    features,
-                });
+                window.measure(collector, extractor, &self.channels);
+                window.scored = *skipped == 0;
+                windows.push(window.clone());
             });
         }
         windows.sort_by_key(|window| (window.start_ns, !window.scored));

@@ -4,7 +4,7 @@ use crate::calibrate::{Validated, calibrate};
 use crate::discriminant::{Discriminant, fit_pair};
 use crate::features::{Extractor, Features, Kind};
 use crate::filter::Filter;
-use crate::model::{FORMAT, Method, Model, Reject, Speed, class_pairs};
+use crate::model::{FORMAT, Filtering, Method, Model, Reject, Rejecting, Speed, class_pairs};
 use crate::recording::{Cutter, Recording, Window};
 use crate::score::balanced_accuracy;
 use crate::select::{Selection, select};
@@ -36,6 +36,10 @@ pub struct Setup {
     pub window_samples: usize,
     /// How windows are decided.
     pub method: Method,
+    /// Whether the windows before count, where nothing else is said.
+    pub filtering: Filtering,
+    /// Whether a class may be rejected, where nothing else is said.
+    pub rejecting: Rejecting,
     /// The speed below which the vehicle may stand still; none: found from the recordings.
     pub still_m_s: Option<f64>,
 }
@@ -73,6 +77,8 @@ pub fn train(
     let mut model = Model {
         format: FORMAT.into(),
         method: setup.method,
+        filtering: setup.filtering,
+        rejecting: setup.rejecting,
         labels: setup.labels.clone(),
         channels: setup.channels.clone(),
         rate_hz: setup.rate_hz,
@@ -89,6 +95,7 @@ pub fn train(
             stay_per_s: STAY_PER_S,
             weight: 1.0,
             confidence_min: 0.0,
+            lag_s: 0.0,
         },
         pairs: selection.pairs.into_iter().map(rounded).collect(),
     };
@@ -131,9 +138,9 @@ fn cut(
     };
     let mut extractor = Extractor::new(features.clone(), setup.window_samples, setup.rate_hz);
     let mut windows = Vec::new();
-    for (run, recording) in recordings.iter().enumerate() {
-        progress("features", run as f64 / recordings.len() as f64);
-        windows.extend(cutter.cut(run, recording, &mut extractor, setup.method == Method::Coupled));
+    for (index, recording) in recordings.iter().enumerate() {
+        progress("features", index as f64 / recordings.len() as f64);
+        windows.extend(cutter.cut(index, recording, &mut extractor, setup.method == Method::Coupled));
     }
     (features, windows)
 }

@@ -45,17 +45,22 @@ pub fn warnings(setup: &Setup, recordings: &[Recording], trained: &Trained) -> V
 
 fn of_class(setup: &Setup, recordings: &[Recording], trained: &Trained, class: usize, found: &mut Vec<String>) {
     let label = &setup.labels[class];
-    let runs = recordings.iter().filter(|recording| recording.class == class).count();
-    if runs == 1 {
+    let mut runs: Vec<&str> = Vec::new();
+    for recording in recordings.iter().filter(|recording| recording.class == class) {
+        if !runs.contains(&recording.run.as_str()) {
+            runs.push(&recording.run);
+        }
+    }
+    if runs.len() == 1 {
         found.push(format!(
-            "{label} has one recording: cross-validation cuts it into parts and flatters the model; record it again, at \
+            "{label} has one run: cross-validation cuts it into parts and flatters the model; record it again, at \
              another place and speed"
         ));
     }
     let windows = trained
         .windows
         .iter()
-        .filter(|window| window.scored && recordings[window.run].class == class);
+        .filter(|window| window.scored && recordings[window.recording].class == class);
     let (count, still) = windows.fold((0, 0), |(count, still), window| {
         (count + 1, still + usize::from(trained.model.speed.stands_still(window)))
     });
@@ -76,7 +81,7 @@ fn of_class(setup: &Setup, recordings: &[Recording], trained: &Trained, class: u
 fn speeds_apart(setup: &Setup, recordings: &[Recording], trained: &Trained, found: &mut Vec<String>) {
     let range = |class: usize| {
         let moving = trained.windows.iter().filter(|window| {
-            recordings[window.run].class == class && window.speed_m_s.abs() >= trained.model.speed.still_m_s
+            recordings[window.recording].class == class && window.speed_m_s.abs() >= trained.model.speed.still_m_s
         });
         let speeds: Vec<f64> = moving.map(|window| window.speed_m_s.abs()).collect();
         Some((quantile(speeds.clone(), 0.1)?, quantile(speeds, 0.9)?))
@@ -98,13 +103,13 @@ fn speeds_apart(setup: &Setup, recordings: &[Recording], trained: &Trained, foun
 /// Recordings that the models trained without them mostly get wrong: nothing else in the data resembles them.
 fn weak_recordings(recordings: &[Recording], validated: &[Validated], found: &mut Vec<String>) {
     let mut weak: Vec<(usize, usize, &str)> = Vec::new();
-    for (run, recording) in recordings.iter().enumerate() {
-        let own = validated.iter().filter(|window| window.run == run);
+    for (index, recording) in recordings.iter().enumerate() {
+        let own = validated.iter().filter(|window| window.recording == index);
         let (count, right) = own.fold((0, 0), |(count, right), window| {
             (count + 1, right + usize::from(window.alone.class == window.alone.truth))
         });
         if (right as f64) < RIGHT_FEW * f64::from(count) {
-            weak.push((count as usize - right, count as usize, &recording.name));
+            weak.push((count as usize - right, count as usize, &recording.run));
         }
     }
     weak.sort_by_key(|(wrong, _, _)| std::cmp::Reverse(*wrong));
