@@ -126,7 +126,7 @@ impl Times {
     }
 
     fn classes(&mut self, day: &Day) -> Vec<TerrainClass> {
-        let mut classifier = VibrationClassifier::new(vibration::Config::default(), Model::built_in());
+        let mut classifier = VibrationClassifier::new(&vibration::Config::default(), Model::built_in());
         let mut windows = 0;
         let mut classes = Vec::with_capacity(day.vibration.len());
         for piece in &day.vibration {

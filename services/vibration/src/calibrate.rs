@@ -66,16 +66,20 @@ pub fn calibrate(model: &mut Model, set: &TrainingSet, opinions: &[(usize, Opini
     let filtered = filter_all(&model.filter, set, &opinions);
     if model.method == Method::Coupled {
         model.reject.distance_max = f64::INFINITY;
-        let far = |(window, opinion): &(usize, Opinion)| (*window, -opinion.distance[model.decide(opinion).class]);
-        model.reject.distance_max = DISTANCE_MIN.max(-floor(set, opinions.iter().map(far), FAR_SHARE));
+        let near = |model: &Model, opinion: &Opinion| -opinion.distance[model.decide(opinion).class];
+        let far = opinions.iter().map(|(window, opinion)| (*window, near(model, opinion)));
+        let far: Vec<(usize, f64)> = far.collect();
+        model.reject.distance_max = DISTANCE_MIN.max(-floor(set, &far, FAR_SHARE));
         let sure = |(window, opinion): &(usize, Opinion)| (*window, confidence(&model.decide(opinion)));
-        model.reject.confidence_min = CONFIDENCE_MAX.min(floor(set, opinions.iter().map(sure), UNKNOWN_SHARE));
+        let sure: Vec<(usize, f64)> = opinions.iter().map(sure).collect();
+        model.reject.confidence_min = CONFIDENCE_MAX.min(floor(set, &sure, UNKNOWN_SHARE));
     }
-    let sure = opinions
+    let sure: Vec<(usize, f64)> = opinions
         .iter()
         .zip(&filtered)
-        .map(|((window, opinion), probability)| (*window, confidence(&model.decide_filtered(opinion, probability))));
-    model.filter.confidence_min = CONFIDENCE_MAX.min(floor(set, sure, UNKNOWN_SHARE));
+        .map(|((window, opinion), probability)| (*window, confidence(&model.decide_filtered(opinion, probability))))
+        .collect();
+    model.filter.confidence_min = CONFIDENCE_MAX.min(floor(set, &sure, UNKNOWN_SHARE));
     let validated: Vec<Validated> = opinions
         .iter()
         .zip(&filtered)
@@ -123,19 +127,19 @@ fn confidence(decision: &Decision) -> f64 {
 }
 
 /// The value below which a share of the windows lies, the mean of what each class says.
-fn floor(set: &TrainingSet, values: impl Iterator<Item = (usize, f64)> + Clone, share: f64) -> f64 {
+fn floor(set: &TrainingSet, values: &[(usize, f64)], share: f64) -> f64 {
     let of_class = |class: usize| {
-        let own = values.clone().filter(|(window, _)| set.classes[*window] == class);
-        quantile(own.map(|(_, value)| value).collect(), share)
+        let own = values.iter().filter(|(window, _)| set.classes[*window] == class);
+        quantile(own.map(|(_, value)| *value).collect(), share)
     };
     let floors: Vec<f64> = (0..set.class_count).filter_map(of_class).collect();
     let mut low = floors.iter().copied().fold(f64::INFINITY, f64::min);
     let mut high = floors.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let share_below = |limit: f64| -> f64 {
         let below = |class: usize| {
-            let own = values.clone().filter(|(window, _)| set.classes[*window] == class);
+            let own = values.iter().filter(|(window, _)| set.classes[*window] == class);
             let (count, hits) = own.fold((0.0, 0.0), |(count, hits), (_, value)| {
-                (count + 1.0, hits + f64::from(u8::from(value < limit)))
+                (count + 1.0, hits + f64::from(u8::from(*value < limit)))
             });
             hits / f64::max(count, 1.0)
         };
@@ -145,9 +149,9 @@ fn floor(set: &TrainingSet, values: impl Iterator<Item = (usize, f64)> + Clone, 
     for _ in 0..40 {
         let middle = (low + high) / 2.0;
         if share_below(middle) <= share {
-            low = middle
+            low = middle;
         } else {
-            high = middle
+            high = middle;
         }
     }
     if low.is_finite() { low } else { 0.0 }

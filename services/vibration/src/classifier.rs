@@ -52,8 +52,7 @@ pub struct VibrationClassifier {
 impl VibrationClassifier {
     /// For a validated configuration and model.
     #[must_use]
-    pub fn new(config: Config, model: Model) -> Self {
-        let Config { filter, reject, .. } = config;
+    pub fn new(config: &Config, model: Model) -> Self {
         let mut decided = TerrainClass::undecided(Header {
             status: Status::WARMING_UP,
             ..Header::default()
@@ -70,7 +69,7 @@ impl VibrationClassifier {
             extractor,
             places: [None; CHANNELS_MAX + 1],
             decided,
-            decider: Decider::new(model, filter, reject),
+            decider: Decider::new(model, config.filter, config.reject),
         }
     }
 

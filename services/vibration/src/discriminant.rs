@@ -1,6 +1,6 @@
 //! What tells two classes apart: one linear discriminant, trained as the paper does or averaged over signal spaces.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 /// Tells two classes apart by one number.
@@ -196,7 +196,7 @@ impl Directions {
             scatter[(index, index)] += RIDGE;
         }
         let along = basis.tr_mul(&apart);
-        let Some(factor) = scatter.cholesky().map(|cholesky| cholesky.unpack()) else {
+        let Some(factor) = scatter.cholesky().map(Cholesky::unpack) else {
             return Self {
                 of_components: Vec::new(),
             };
@@ -326,8 +326,8 @@ mod tests {
         let wide = tall.transpose();
         let ((basis, values), direct) = (left_svd(&wide).unwrap(), wide.clone().svd(true, false));
         let expected = direct.u.unwrap();
-        for index in 0..4 {
-            assert!((values[index] - direct.singular_values[index]).abs() < 1e-10);
+        for (index, value) in values.iter().enumerate().take(4) {
+            assert!((value - direct.singular_values[index]).abs() < 1e-10);
             let aligned = basis.column(index).dot(&expected.column(index)).abs();
             assert!((aligned - 1.0).abs() < 1e-10);
         }

@@ -155,9 +155,9 @@ impl Extractor {
     fn partial(&self, band: usize, out: &mut [f64]) {
         let channels = self.features.scale.len().min(CHANNELS_MAX);
         let mut matrix: Matrix = [[0.0; CHANNELS_MAX]; CHANNELS_MAX];
-        for a in 0..channels {
-            for b in 0..=a {
-                matrix[a][b] = self.density(a, b, band);
+        for (a, row) in matrix.iter_mut().enumerate().take(channels) {
+            for (b, value) in row.iter_mut().enumerate().take(a + 1) {
+                *value = self.density(a, b, band);
             }
         }
         let mean = (0..channels).map(|a| matrix[a][a]).sum::<f64>() / channels as f64;
@@ -238,9 +238,9 @@ mod tests {
         let factor = DMatrix::from_fn(6, 6, |a, b| ((a * 7 + b * b * 3) % 11) as f64 - 4.0);
         let symmetric = &factor * factor.transpose() + DMatrix::identity(6, 6);
         let mut matrix: Matrix = [[0.0; CHANNELS_MAX]; CHANNELS_MAX];
-        for a in 0..6 {
-            for b in 0..=a {
-                matrix[a][b] = symmetric[(a, b)];
+        for (a, row) in matrix.iter_mut().enumerate().take(6) {
+            for (b, value) in row.iter_mut().enumerate().take(a + 1) {
+                *value = symmetric[(a, b)];
             }
         }
         let lower = invert(matrix, 6);

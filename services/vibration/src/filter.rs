@@ -121,7 +121,7 @@ mod tests {
                 for turn in 0..40 {
                     let belief = before_change(class, turn, classes);
                     assert!((belief.iter().sum::<f64>() - 1.0).abs() < 1e-12);
-                    assert!(belief[class] < 0.06 && belief[..classes].iter().any(|p| *p == BELIEF_BEFORE));
+                    assert!(belief[class] < 0.06 && belief[..classes].contains(&BELIEF_BEFORE));
                 }
             }
         }

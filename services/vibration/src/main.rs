@@ -14,7 +14,7 @@ fn main() -> ExitCode {
             }
             None => Model::built_in(),
         };
-        let mut classifier = VibrationClassifier::new(config, model);
+        let mut classifier = VibrationClassifier::new(&config, model);
         let mut vibration = shell.input::<Vibration>("vibration")?;
         let class = shell.output::<TerrainClass>("class")?;
         shell.on_each(&mut vibration, &class, |piece| Ok(classifier.step(piece)))

@@ -119,11 +119,11 @@ fn piece(terrain: &mut Terrain, index: u64) -> Box<Vibration> {
 
 /// Drives `pieces` pieces over one terrain, each changed by `change`, and gives the answers.
 fn drive(class: usize, pieces: u64, change: impl FnMut(u64, &mut Vibration)) -> Vec<TerrainClass> {
-    drive_with(Config::default(), model(3), class, pieces, change)
+    drive_with(&Config::default(), model(3), class, pieces, change)
 }
 
 fn drive_with(
-    config: Config,
+    config: &Config,
     model: Model,
     class: usize,
     pieces: u64,
@@ -225,7 +225,7 @@ fn what_does_not_fit_the_model_is_rejected() {
     let bad = drive(0, 30, |_, piece| piece.header.status = Status::BAD_SAMPLE);
     assert_eq!(statuses(&bad), [Status::INPUT_REJECTED]);
 
-    let classifier = VibrationClassifier::new(Config::default(), model(2));
+    let classifier = VibrationClassifier::new(&Config::default(), model(2));
     let mut piece = piece(&mut Terrain::new(0, 1), 0);
     assert_eq!(classifier.check_fit(&piece), Ok(()));
     piece.channels[1] = label("angular_rate_x_rad_s");
@@ -285,7 +285,7 @@ fn a_rover_that_stands_and_a_broken_channel_get_no_class() {
 #[test]
 fn no_bytes_make_it_panic() {
     let mut noise = Noise(3);
-    let mut classifier = VibrationClassifier::new(Config::default(), model(2));
+    let mut classifier = VibrationClassifier::new(&Config::default(), model(2));
     for round in 0..2000_u64 {
         let mut piece = piece(&mut Terrain::new(0, round), round);
         let mut wild = || (noise.next() * 2.0_f64.powi(66)) as u64;
@@ -314,11 +314,7 @@ fn a_model_file_with_a_mistake_says_what_is_wrong() {
         ("model/1", "model/9", "format must be"),
         ("\"gravel\"", "\"loam\"", "stands twice"),
         ("rate_hz = 100.0", "rate_hz = -1.0", "rate_hz must be 0.001 to 1000000"),
-        (
-            "window_samples = 100",
-            "window_samples = 50",
-            "weights, has",
-        ),
+        ("window_samples = 100", "window_samples = 50", "weights, has"),
         ("tapers", "taper", "taper"),
         ("offset = ", "offset = nan # ", "not finite"),
     ] {
@@ -352,7 +348,7 @@ fn filter_and_rejection_can_be_switched_off() {
         ..Config::default()
     };
     let mut noise = Noise(9);
-    let answers = drive_with(config, trained(3, Method::Paper).model, 0, 200, |_, piece| {
+    let answers = drive_with(&config, trained(3, Method::Paper).model, 0, 200, |_, piece| {
         for value in &mut piece.samples[0] {
             *value += 3.0 * noise.next() as f32;
         }
@@ -366,7 +362,7 @@ fn filter_and_rejection_can_be_switched_off() {
 
 #[test]
 fn the_filter_follows_a_change_of_terrain_within_seconds() {
-    let mut classifier = VibrationClassifier::new(Config::default(), model(2));
+    let mut classifier = VibrationClassifier::new(&Config::default(), model(2));
     let mut terrains = [Terrain::new(0, 5), Terrain::new(1, 6)];
     let mut classes = Vec::new();
     for index in 0..600 {
