@@ -8,6 +8,10 @@ use sinkage::SinkageTracker;
 use std::hint::black_box;
 use terrain::TerrainFusion;
 use terramechanics::SoilEstimator;
+use vibration::decision::Decider;
+use vibration::features::Extractor;
+use vibration::recording::Window;
+use vibration::window::Quality;
 use vibration::{Model, VibrationClassifier};
 use zerocopy::FromZeros;
 
@@ -31,6 +35,8 @@ struct Times {
     terramechanics: Series,
     piece: Series,
     window: Series,
+    features: Series,
+    decision: Series,
     terrain: Series,
 }
 
@@ -46,6 +52,8 @@ fn main() -> Outcome<()> {
         terramechanics: Series::new("terramechanics: three wheel readings and a sinkage"),
         piece: Series::new("vibration: a piece of 0.1 s"),
         window: Series::new("vibration: a piece that completes a window"),
+        features: Series::new("vibration: the features of a window of six channels"),
+        decision: Series::new("vibration: the decision on a window"),
         terrain: Series::new("terrain: a sinkage, a class and a soil"),
     };
     for _ in 0..ROUNDS {
@@ -53,6 +61,7 @@ fn main() -> Outcome<()> {
         times.pictures(&day, &frames, options.amount(PICTURES_A_ROUND));
         for _ in 0..options.amount(2) {
             times.route(&day);
+            times.windows(&day);
         }
     }
     let Times {
@@ -62,11 +71,23 @@ fn main() -> Outcome<()> {
         terramechanics,
         piece,
         window,
+        features,
+        decision,
         terrain,
     } = times;
     report.table(
         "Compute time of a step",
-        &[clock, render, sinkage, terramechanics, piece, window, terrain],
+        &[
+            clock,
+            render,
+            sinkage,
+            terramechanics,
+            piece,
+            window,
+            features,
+            decision,
+            terrain,
+        ],
     );
     report.end()
 }
@@ -80,9 +101,21 @@ impl Times {
             terramechanics,
             piece,
             window,
+            features,
+            decision,
             terrain,
         } = self;
-        for series in [clock, render, sinkage, terramechanics, piece, window, terrain] {
+        for series in [
+            clock,
+            render,
+            sinkage,
+            terramechanics,
+            piece,
+            window,
+            features,
+            decision,
+            terrain,
+        ] {
             series.begin_round();
         }
     }
@@ -122,6 +155,32 @@ impl Times {
                 fusion.step(black_box(&soil))
             });
             self.terrain.record(time_ns);
+        }
+    }
+
+    /// The parts of a window's classification.
+    fn windows(&mut self, day: &Day) {
+        let model = Model::built_in();
+        let channels = model.channels.len();
+        let mut extractor = Extractor::new(model.features.clone(), model.window_samples, model.rate_hz);
+        let mut window = Window::prepared(&extractor);
+        window.quality = Quality::Good;
+        let mut decider = Decider::new(model, None, None);
+        let piece_samples = day.vibration[0].count as usize;
+        for pieces in day
+            .vibration
+            .chunks_exact(decider.model().window_samples / piece_samples)
+        {
+            let of_channel = |channel: usize| pieces.iter().flat_map(move |piece| piece.channel(channel));
+            let samples: Vec<Vec<f64>> = (0..channels)
+                .map(|channel| of_channel(channel).map(|value| f64::from(*value)).collect())
+                .collect();
+            let (time_ns, ()) =
+                timed(|| extractor.extract(|channel| black_box(&samples[channel]), &mut window.features));
+            self.features.record(time_ns);
+            window.start_ns = pieces[0].start_ns;
+            window.level = extractor.level(&window.features);
+            self.decision.record(timed(|| decider.decide(black_box(&window))).0);
         }
     }
 

@@ -310,7 +310,8 @@ fn check_wishes(arguments: &EvaluateArguments, model: &Model) -> Result<(), Erro
     let wished = &arguments.choices.channels;
     let asked = |name: &String| wished.iter().any(|pattern| fits(name, pattern));
     let known = |pattern: &String| model.channels.iter().any(|name| fits(name, pattern));
-    if !wished.is_empty() && !(model.channels.iter().all(asked) && wished.iter().all(known)) {
+    let same = model.channels.iter().all(asked) && wished.iter().all(known);
+    if !wished.is_empty() && !same {
         return refused(format!("the channels {}", model.channels.join(", ")));
     }
     Ok(())

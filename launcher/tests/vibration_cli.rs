@@ -247,7 +247,10 @@ fn mistakes_in_recordings_are_named() {
         ("file,run\na.csv,a\n", "column \"class\" is missing"),
         ("file,class,run\na.csv,loam,\n", "run is empty"),
         ("file,class,run\na.csv,loam,a\n", "a.csv"),
-        ("file,class,run\nloam_1.csv,loam,loam_1\n", "classes"),
+        (
+            "file,class,run\nloam_1.csv,loam,loam_1\n",
+            "2 to 16 classes (labels), there are 1",
+        ),
     ] {
         fs::write(path.join("train/recordings.csv"), list).unwrap();
         assert!(train(&[]).contains(complaint), "{}", train(&[]));

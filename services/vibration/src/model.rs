@@ -156,26 +156,10 @@ impl Model {
     /// # Errors
     /// Says what does not.
     pub fn validate(&self) -> Result<(), String> {
-        let classes = self.labels.len();
         check(self.format == FORMAT, || {
             format!("format must be {FORMAT:?}, is {:?}", self.format)
         })?;
-        check((2..=CLASSES_MAX).contains(&classes), || {
-            format!("labels must name 2 to {CLASSES_MAX} classes, names {classes}")
-        })?;
-        check((1..=CHANNELS_MAX).contains(&self.channels.len()), || {
-            format!("channels must name 1 to {CHANNELS_MAX}, names {}", self.channels.len())
-        })?;
-        for names in [&self.labels, &self.channels] {
-            for (index, name) in names.iter().enumerate() {
-                check(!name.is_empty() && name.len() <= LABEL_BYTES, || {
-                    format!("the name {name:?} must have 1 to {LABEL_BYTES} bytes")
-                })?;
-                check(!names[..index].contains(name), || {
-                    format!("the name {name:?} stands twice")
-                })?;
-            }
-        }
+        check_names(&self.labels, &self.channels)?;
         let within = |name: &str, value: f64, low: f64, high: f64| {
             check((low..=high).contains(&value), || {
                 format!("{name} must be {low} to {high}, is {value}")
@@ -241,6 +225,37 @@ impl Model {
         }
         Ok(())
     }
+}
+
+/// Checks that the names fit into samples: how many there are, how long they are, and that none stands twice.
+///
+/// # Errors
+/// Says what does not.
+pub fn check_names(labels: &[String], channels: &[String]) -> Result<(), String> {
+    check((2..=CLASSES_MAX).contains(&labels.len()), || {
+        format!(
+            "there must be 2 to {CLASSES_MAX} classes (labels), there are {}",
+            labels.len()
+        )
+    })?;
+    check((1..=CHANNELS_MAX).contains(&channels.len()), || {
+        format!(
+            "there must be 1 to {CHANNELS_MAX} channels, there are {}: {}",
+            channels.len(),
+            channels.join(", ")
+        )
+    })?;
+    for names in [labels, channels] {
+        for (index, name) in names.iter().enumerate() {
+            check(!name.is_empty() && name.len() <= LABEL_BYTES, || {
+                format!("the name {name:?} must have 1 to {LABEL_BYTES} bytes")
+            })?;
+            check(!names[..index].contains(name), || {
+                format!("the name {name:?} stands twice")
+            })?;
+        }
+    }
+    Ok(())
 }
 
 /// All pairs of `classes` classes, in order.

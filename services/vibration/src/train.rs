@@ -4,7 +4,7 @@ use crate::calibrate::{Validated, calibrate};
 use crate::discriminant::{Discriminant, fit_pair};
 use crate::features::{Extractor, Features, Kind};
 use crate::filter::Filter;
-use crate::model::{FORMAT, Filtering, Method, Model, Reject, Rejecting, Speed, class_pairs};
+use crate::model::{FORMAT, Filtering, Method, Model, Reject, Rejecting, Speed, check_names, class_pairs};
 use crate::recording::{Cutter, Recording, Window};
 use crate::score::balanced_accuracy;
 use crate::select::{Selection, select};
@@ -66,6 +66,7 @@ pub fn train(
     recordings: &[Recording],
     progress: &mut dyn FnMut(&'static str, f64),
 ) -> Result<Trained, String> {
+    check_names(&setup.labels, &setup.channels)?;
     let (features, windows) = cut(setup, recordings, progress);
     let speed = find_speed(setup, &windows);
     let set = TrainingSet::new(setup, recordings, &windows, &speed, features)?;
