@@ -1,10 +1,12 @@
 //! `vibration`: the terrain classifier, trained and tried on recordings.
 
+mod plots;
 mod recordings;
 mod report;
 
 use clap::{Args, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
+use plots::Figures;
 use recordings::Recordings;
 use report::Report;
 use serde_json::json;
@@ -14,7 +16,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use vibration::Model;
 use vibration::calibrate::Validated;
-use vibration::evaluate::evaluate;
+use vibration::evaluate::{Judged, evaluate};
 use vibration::model::{Filtering, Method, Rejecting};
 use vibration::score::Scored;
 use vibration::train::{Setup, Trained, train};
@@ -87,6 +89,9 @@ struct Choices {
     /// Whether a class may be rejected. [default: calibrated, or as the model was trained]
     #[arg(long, value_enum)]
     reject: Option<RejectArgument>,
+    /// Draw Figures 12, 13 and 14 of the paper into this folder, as SVG.
+    #[arg(long, value_name = "DIR")]
+    plots: Option<PathBuf>,
     /// Print the summary as JSON.
     #[arg(long)]
     json: bool,
@@ -176,6 +181,10 @@ fn run_train(arguments: &TrainArguments) -> Result<ExitCode, Error> {
     progress.0.finish_and_clear();
     let text = trained.model.to_text().map_err(Error::internal)?;
     write(&arguments.out, &text)?;
+    if arguments.choices.plots.is_some() {
+        let judged = evaluate(&trained.model, &read.all, None, None, &mut |_| {});
+        draw(&arguments.choices, &trained.model, &read, &judged)?;
+    }
     let report = Report::new(&trained.model.labels, &decided(&trained));
     let warned = warnings(&setup, &read.all, &trained);
     if arguments.choices.json {
@@ -261,6 +270,7 @@ fn run_evaluate(arguments: &EvaluateArguments) -> Result<ExitCode, Error> {
     });
     progress.0.finish_and_clear();
     write(&arguments.out, &report::predictions(&model, &read, &judged))?;
+    draw(&arguments.choices, &model, &read, &judged)?;
     let scored: Vec<Scored> = judged.iter().filter_map(|window| window.scored(&read.all)).collect();
     let report = Report::of_known(&read.labels, model.labels.len(), &scored);
     let left_out = report::left_out(&judged);
@@ -280,6 +290,13 @@ fn run_evaluate(arguments: &EvaluateArguments) -> Result<ExitCode, Error> {
     }
     println!("wrote {}", arguments.out.display());
     Ok(ExitCode::SUCCESS)
+}
+
+fn draw(choices: &Choices, model: &Model, read: &Recordings, judged: &[Judged]) -> Result<(), Error> {
+    match &choices.plots {
+        Some(folder) => Figures { model, read, judged }.draw(folder),
+        None => Ok(()),
+    }
 }
 
 fn load(path: &Path) -> Result<Model, Error> {

@@ -1,5 +1,7 @@
 //! `terrasense vibration` on small recordings of made-up terrains, and on real ones where they are present.
 
+#![allow(clippy::unwrap_used)]
+
 use serde_json::Value;
 use std::fmt::Write;
 use std::fs;
@@ -108,10 +110,31 @@ fn a_model_recognises_runs_that_it_has_not_seen() {
     assert_eq!(trained["warnings"].as_array().unwrap().len(), 0, "{trained}");
     let tried = summary(
         folder.path(),
-        &["evaluate", "model.toml", "test", "--out", "p.csv", "--filter", "none"],
+        &[
+            "evaluate",
+            "model.toml",
+            "test",
+            "--out",
+            "p.csv",
+            "--filter",
+            "none",
+            "--plots",
+            "plots",
+        ],
     );
     assert!(tried["scored"]["balanced_accuracy"].as_f64().unwrap() > 0.9, "{tried}");
 
+    for file in [
+        "figure_12_components.svg",
+        "figure_13_metric.svg",
+        "figure_14_transition.svg",
+    ] {
+        let drawn = fs::read_to_string(folder.path().join("plots").join(file)).unwrap();
+        assert!(
+            drawn.starts_with("<svg") && drawn.matches("<circle").count() > 50,
+            "{file}"
+        );
+    }
     let rows = rows(&folder.path().join("p.csv"));
     let header = "run,start_s,class,predicted,probability_gravel,probability_loam,probability_rock,metric";
     assert_eq!(rows[0].join(","), header);

@@ -1,12 +1,14 @@
 //! A model tried on recordings, by the same code as on board.
 
 use crate::decision::{Decider, Decision};
+use crate::discriminant::principal_axes;
 use crate::features::Extractor;
 use crate::filter::before_change;
 use crate::model::{Filtering, Model, Rejecting};
 use crate::recording::{Cutter, Recording, Window};
 use crate::score::Scored;
 use messages::Status;
+use nalgebra::DMatrix;
 
 /// A window, and what the model says of it.
 #[derive(Clone, Debug)]
@@ -59,4 +61,60 @@ pub fn evaluate(
         }
     }
     judged
+}
+
+/// The first two principal components of windows' features, window by window.
+#[must_use]
+pub fn principal_components(windows: &[&[f64]]) -> Vec<[f64; 2]> {
+    let rows = windows.first().map_or(0, |window| window.len());
+    if rows == 0 || windows.iter().any(|window| window.len() != rows) {
+        return vec![[0.0; 2]; windows.len()];
+    }
+    let values = windows.iter().flat_map(|window| window.iter().copied());
+    let mut columns = DMatrix::from_iterator(rows, windows.len(), values);
+    let mean = columns.column_mean();
+    for mut column in columns.column_iter_mut() {
+        column -= &mean;
+    }
+    let (_, axes) = principal_axes(&columns * columns.transpose());
+    let along = |axis: usize, column: usize| {
+        let both = axis < axes.ncols();
+        if both {
+            axes.column(axis).dot(&columns.column(column))
+        } else {
+            0.0
+        }
+    };
+    (0..windows.len())
+        .map(|window| [along(0, window), along(1, window)])
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_component_lies_along_the_greatest_spread() {
+        // Points on an ellipse whose long axis is the diagonal.
+        let points: Vec<[f64; 2]> = (0..40)
+            .map(|index| {
+                let (sin, cos) = (f64::from(index) * std::f64::consts::TAU / 40.0).sin_cos();
+                [7.0 + 5.0 * cos - sin, 5.0 * cos + sin]
+            })
+            .collect();
+        let windows: Vec<&[f64]> = points.iter().map(<[f64; 2]>::as_slice).collect();
+        for (index, [first, second]) in principal_components(&windows).into_iter().enumerate() {
+            let (sin, cos) = (index as f64 * std::f64::consts::TAU / 40.0).sin_cos();
+            let root = 2.0_f64.sqrt();
+            assert!((first.abs() - (5.0 * root * cos).abs()).abs() < 1e-9);
+            assert!((second.abs() - (root * sin).abs()).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn windows_without_features_have_no_components() {
+        assert_eq!(principal_components(&[&[], &[]]), [[0.0; 2]; 2]);
+        assert_eq!(principal_components(&[&[3.0]]), [[0.0; 2]]);
+    }
 }
