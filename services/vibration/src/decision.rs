@@ -147,36 +147,38 @@ impl Model {
         opinion
     }
 
-    /// Decides on a window by what the pairs say of it. The paper's method lets the pairs vote; the other takes the most
-    /// probable class.
+    /// Decides on a window by what the pairs say of it. The paper's method lets the pairs vote, the first of equal classes
+    /// winning; the other takes the most probable class.
     #[must_use]
     pub fn decide(&self, opinion: &Opinion) -> Decision {
-        let votes = |class: usize| {
-            if self.method == Method::Paper {
+        let confidence_min = self.reject.confidence_min;
+        match self.method {
+            Method::Paper => self.choose(opinion, &opinion.probability, confidence_min, |class| {
                 opinion.votes[class]
-            } else {
-                0
-            }
-        };
-        self.choose(opinion, &opinion.probability, self.reject.confidence_min, votes)
+            }),
+            Method::Coupled => self.decide_by(opinion, &opinion.probability, confidence_min),
+        }
     }
 
     /// Decides by probabilities that take the windows before into account.
     #[must_use]
     pub fn decide_filtered(&self, opinion: &Opinion, probability: &PerClass) -> Decision {
-        self.choose(opinion, probability, self.filter.confidence_min, |_| 0)
+        self.decide_by(opinion, probability, self.filter.confidence_min)
     }
 
-    fn choose(
+    fn decide_by(&self, opinion: &Opinion, probability: &PerClass, confidence_min: f64) -> Decision {
+        self.choose(opinion, probability, confidence_min, |class| probability[class])
+    }
+
+    fn choose<T: PartialOrd>(
         &self,
         opinion: &Opinion,
         probability: &PerClass,
         confidence_min: f64,
-        votes: impl Fn(usize) -> usize,
+        merit: impl Fn(usize) -> T,
     ) -> Decision {
         let classes = self.labels.len().min(CLASSES_MAX);
-        let better = |a: usize, b: usize| (votes(a), probability[a]) > (votes(b), probability[b]);
-        let best_of = |best: usize, next: usize| if better(next, best) { next } else { best };
+        let best_of = |best: usize, next: usize| if merit(next) > merit(best) { next } else { best };
         let class = (1..classes).fold(0, best_of);
         let second = (0..classes).filter(|other| *other != class).reduce(best_of);
         Decision {
