@@ -102,6 +102,7 @@ impl Figures<'_> {
             )?;
         chart
             .configure_mesh()
+            .light_line_style(TRANSPARENT)
             .x_desc("first component")
             .y_desc("second component")
             .draw()?;
@@ -115,6 +116,7 @@ impl Figures<'_> {
         }
         chart
             .configure_series_labels()
+            .position(SeriesLabelPosition::UpperLeft)
             .background_style(WHITE.mix(0.8))
             .border_style(BLACK)
             .draw()?;
@@ -140,16 +142,18 @@ impl Figures<'_> {
 
     /// Figure 14: the metric over a change of terrain: the longest recordings of the two classes, one after the other.
     fn transition(&self, folder: &Path, pair: &Pair<'_>) -> Drawn {
-        let window_s = self.model.window_s();
-        let around = (AROUND_S / window_s).ceil() as usize;
+        let half_s = self.model.window_s() / 2.0;
         let [before, after] = pair.classes.map(|class| self.longest(class));
+        let since_s = |judged: &Judged, start: &Judged| {
+            let between_ns = judged.window.start_ns as f64 - start.window.start_ns as f64;
+            between_ns / 1e9
+        };
         let mut points = Vec::new();
-        for (place, judged) in before.iter().rev().take(around).enumerate() {
-            points.push((-(place as f64 + 0.5) * window_s, self.metric_of(pair, judged), *judged));
-        }
-        points.reverse();
-        for (place, judged) in after.iter().take(around).enumerate() {
-            points.push(((place as f64 + 0.5) * window_s, self.metric_of(pair, judged), *judged));
+        if let (Some(last), Some(first)) = (before.last(), after.first()) {
+            let left = before.iter().map(|judged| (since_s(judged, last) - half_s, *judged));
+            let right = after.iter().map(|judged| (since_s(judged, first) + half_s, *judged));
+            let near = left.chain(right).filter(|(time_s, _)| time_s.abs() <= AROUND_S);
+            points.extend(near.map(|(time_s, judged)| (time_s, self.metric_of(pair, judged), judged)));
         }
         let chosen = |judged: &Judged| judged.decision.map_or(0, |decision| decision.class);
         let points: Vec<(f64, f64, usize)> = points
@@ -203,7 +207,12 @@ impl Figures<'_> {
             .x_label_area_size(40)
             .y_label_area_size(60)
             .build_cartesian_2d(x.clone(), y.clone())?;
-        chart.configure_mesh().x_desc(x_name).y_desc("metric d").draw()?;
+        chart
+            .configure_mesh()
+            .light_line_style(TRANSPARENT)
+            .x_desc(x_name)
+            .y_desc("metric d")
+            .draw()?;
         for (side, class) in pair.classes.into_iter().enumerate() {
             let colour = Palette99::pick(class);
             let (mean, sigma) = (pair.discriminant.class_mean[side], pair.discriminant.class_sigma[side]);
@@ -229,6 +238,7 @@ impl Figures<'_> {
         }
         chart
             .configure_series_labels()
+            .position(SeriesLabelPosition::UpperLeft)
             .background_style(WHITE.mix(0.8))
             .border_style(BLACK)
             .draw()?;
