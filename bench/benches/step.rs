@@ -7,7 +7,7 @@ use shell::now_ns;
 use sinkage::SinkageTracker;
 use std::hint::black_box;
 use terrain::TerrainFusion;
-use terramechanics::SoilEstimator;
+use terramechanics::{Estimator, SoilEstimator};
 use vibration::decision::Decider;
 use vibration::features::Extractor;
 use vibration::recording::Window;
@@ -33,6 +33,7 @@ struct Times {
     render: Series,
     sinkage: Series,
     terramechanics: Series,
+    terramechanics_linear: Series,
     piece: Series,
     window: Series,
     features: Series,
@@ -49,7 +50,8 @@ fn main() -> Outcome<()> {
         clock: Series::new("reading the clock (part of every time below)"),
         render: Series::new("simulation: one VGA picture"),
         sinkage: Series::new("sinkage: one VGA picture"),
-        terramechanics: Series::new("terramechanics: three wheel readings and a sinkage"),
+        terramechanics: Series::new("terramechanics, full: a cycle, with its share of the solution over the window"),
+        terramechanics_linear: Series::new("terramechanics, linear: a cycle"),
         piece: Series::new("vibration: a piece of 0.1 s"),
         window: Series::new("vibration: a piece that completes a window"),
         features: Series::new("vibration: the features of a window of six channels"),
@@ -69,6 +71,7 @@ fn main() -> Outcome<()> {
         render,
         sinkage,
         terramechanics,
+        terramechanics_linear,
         piece,
         window,
         features,
@@ -82,6 +85,7 @@ fn main() -> Outcome<()> {
             render,
             sinkage,
             terramechanics,
+            terramechanics_linear,
             piece,
             window,
             features,
@@ -99,6 +103,7 @@ impl Times {
             render,
             sinkage,
             terramechanics,
+            terramechanics_linear,
             piece,
             window,
             features,
@@ -110,6 +115,7 @@ impl Times {
             render,
             sinkage,
             terramechanics,
+            terramechanics_linear,
             piece,
             window,
             features,
@@ -139,6 +145,10 @@ impl Times {
     fn route(&mut self, day: &Day) {
         let classes = self.classes(day);
         let mut estimator = SoilEstimator::new(terramechanics::Config::default());
+        let mut linear = SoilEstimator::new(terramechanics::Config {
+            estimator: Estimator::Linear,
+            ..terramechanics::Config::default()
+        });
         let mut fusion = TerrainFusion::new(terrain::Config::default());
         for ((number, readings), sinkage) in day.cycles().zip(&day.sinkage) {
             let (time_ns, soil): (u64, Soil) = timed(|| {
@@ -148,6 +158,13 @@ impl Times {
                 estimator.step(black_box(sinkage))
             });
             self.terramechanics.record(time_ns);
+            let (time_ns, _) = timed(|| {
+                readings
+                    .iter()
+                    .for_each(|reading| linear.observe_wheel(black_box(reading)));
+                linear.step(black_box(sinkage))
+            });
+            self.terramechanics_linear.record(time_ns);
             let class = &classes[number * classes.len() / day.sinkage.len()];
             let (time_ns, _) = timed(|| {
                 fusion.observe_sinkage(black_box(sinkage));
