@@ -7,7 +7,7 @@ mod report;
 use clap::{Args, Subcommand, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use plots::Figures;
-use recordings::Recordings;
+use recordings::{RATE_TOLERANCE, Recordings};
 use report::Report;
 use serde_json::json;
 use shell::Error;
@@ -22,7 +22,7 @@ use vibration::score::Scored;
 use vibration::train::{Setup, Trained, train};
 use vibration::warnings::warnings;
 
-/// How far a sampling rate or a window may differ from the model's, relative to it.
+/// How far the length of a window may differ from the model's, relative to it.
 const TOLERANCE: f64 = 0.02;
 /// Steps of a progress bar.
 const BAR_STEPS: u64 = 1000;
@@ -229,7 +229,6 @@ fn setup(arguments: &TrainArguments, read: &Recordings) -> Result<Setup, Error> 
         method: arguments.method.method(),
         filtering: arguments.choices.filtering().unwrap_or(Filtering::Hmm),
         rejecting: arguments.choices.rejecting().unwrap_or(Rejecting::Calibrated),
-        still_m_s: None,
     })
 }
 
@@ -256,7 +255,7 @@ fn run_evaluate(arguments: &EvaluateArguments) -> Result<ExitCode, Error> {
         &model.labels,
         &mut |what, share| progress.show(what, share),
     )?;
-    if (read.rate_hz - model.rate_hz).abs() > TOLERANCE * model.rate_hz {
+    if (read.rate_hz - model.rate_hz).abs() > RATE_TOLERANCE * model.rate_hz {
         return Err(Error::data(format!(
             "{}: sampled at {} Hz; the model was trained at {} Hz",
             arguments.recordings.display(),

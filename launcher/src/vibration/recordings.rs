@@ -11,8 +11,10 @@ use vibration::recording::Recording;
 
 /// Largest amount of a sample.
 const SAMPLE_MAX: f64 = 1e9;
-/// How far the sampling rates of two recordings may differ, relative to them.
-const RATE_TOLERANCE: f64 = 0.02;
+/// How far sampling rates may differ, relative to them: windows are cut by the common one.
+pub const RATE_TOLERANCE: f64 = 0.05;
+/// Steps longer than so many usual ones are pauses, or miss a sample.
+const STEP_MAX: f64 = 1.9;
 /// Channels of a sound file whose row names none, by their number.
 const SOUND_CHANNELS: [&str; 6] = [
     "acceleration_x_m_s2",
@@ -259,7 +261,7 @@ fn read_sound(path: &Path, row: &Listed) -> Result<Columns, String> {
     })
 }
 
-/// The sampling rate of a recording: the inverse of the mean step, without the pauses. Rounded or repeated instants do not
+/// The sampling rate of a recording: the inverse of the mean step, without pauses and missing samples. Rounded or repeated instants do not
 /// change it.
 fn rate_hz(taken_ns: &[u64]) -> Option<f64> {
     let mut steps: Vec<u64> = taken_ns
@@ -269,7 +271,7 @@ fn rate_hz(taken_ns: &[u64]) -> Option<f64> {
     steps.sort_unstable();
     let positive = &steps[steps.partition_point(|step| *step == 0)..];
     let median = positive.get(positive.len() / 2)?;
-    let regular = &steps[..steps.partition_point(|step| *step <= median.saturating_mul(3))];
+    let regular = &steps[..steps.partition_point(|step| *step as f64 <= STEP_MAX * *median as f64)];
     Some(regular.len() as f64 * 1e9 / regular.iter().sum::<u64>() as f64)
 }
 
@@ -288,4 +290,60 @@ fn common_rate(mut rates: Vec<(f64, String)>) -> Result<f64, String> {
         }
     }
     Ok(format!("{median_hz:.3e}").parse().unwrap_or(median_hz))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn near(instants_s: impl Iterator<Item = f64>, expected_hz: f64) {
+        let taken_ns: Vec<u64> = instants_s.map(|instant_s| (instant_s * 1e9).round() as u64).collect();
+        let found_hz = rate_hz(&taken_ns).expect("a rate");
+        assert!(
+            (found_hz / expected_hz - 1.0).abs() < 0.01,
+            "{found_hz} instead of {expected_hz}"
+        );
+    }
+
+    #[test]
+    fn the_rate_survives_rounding_batches_pauses_and_missing_samples() {
+        near((0..1000).map(|k| f64::from(k) / 50.0), 50.0);
+        near((0..1000).map(|k| (f64::from(k) / 128.0 * 100.0).round() / 100.0), 128.0);
+        near((0..1000).map(|k| f64::from(k / 10) / 10.0), 100.0);
+        near(
+            (0..1000).map(|k| f64::from(k) / 200.0 + if k > 300 { 7.0 } else { 0.0 }),
+            200.0,
+        );
+        near((0..1000).filter(|k| k % 9 != 0).map(|k| f64::from(k) / 50.0), 50.0);
+    }
+
+    #[test]
+    fn a_recording_without_two_instants_has_no_rate() {
+        assert_eq!(rate_hz(&[]), None);
+        assert_eq!(rate_hz(&[5, 5, 5]), None);
+    }
+
+    #[test]
+    fn channels_are_chosen_by_name_or_by_how_they_begin() {
+        let names = [
+            "acceleration_x_m_s2",
+            "acceleration_z_m_s2",
+            "motor_current_a",
+            SPEED_CHANNEL,
+        ]
+        .map(str::to_owned);
+        let chosen = |wanted: &[&str]| {
+            choose(
+                &names,
+                &wanted.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>(),
+            )
+        };
+        assert_eq!(chosen(&[]), Ok(names[..3].to_vec()));
+        assert_eq!(
+            chosen(&["acceleration_*", "acceleration_z_m_s2"]),
+            Ok(names[..2].to_vec())
+        );
+        assert_eq!(chosen(&[SPEED_CHANNEL]), Ok(names[3..].to_vec()));
+        assert!(chosen(&["sound_pa"]).is_err());
+    }
 }

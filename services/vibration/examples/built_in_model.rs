@@ -28,7 +28,6 @@ pub fn built_in_model() -> Result<String, String> {
         method: Method::Coupled,
         filtering: Filtering::Hmm,
         rejecting: Rejecting::Calibrated,
-        still_m_s: None,
     };
     let mut recordings = Vec::new();
     for class in 0..SOILS.len() {

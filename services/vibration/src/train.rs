@@ -40,8 +40,6 @@ pub struct Setup {
     pub filtering: Filtering,
     /// Whether a class may be rejected, where nothing else is said.
     pub rejecting: Rejecting,
-    /// The speed below which the vehicle may stand still; none: found from the recordings.
-    pub still_m_s: Option<f64>,
 }
 
 /// A model, and how it was found.
@@ -68,7 +66,7 @@ pub fn train(
 ) -> Result<Trained, String> {
     check_names(&setup.labels, &setup.channels)?;
     let (features, windows) = cut(setup, recordings, progress);
-    let speed = find_speed(setup, &windows);
+    let speed = find_speed(&windows);
     let set = TrainingSet::new(setup, recordings, &windows, &speed, features)?;
     let folds = Folds::new(&set);
     let selection = match setup.method {
@@ -147,13 +145,13 @@ fn cut(
 }
 
 /// What tells a vehicle that stands still from one that moves.
-fn find_speed(setup: &Setup, windows: &[Window]) -> Speed {
+fn find_speed(windows: &[Window]) -> Speed {
     let known = windows
         .iter()
         .map(|window| window.speed_m_s.abs())
         .filter(|speed_m_s| *speed_m_s > 0.0);
     let fifth = quantile(known.collect(), 0.5).map_or(STILL_M_S, |median| median / 5.0);
-    let still_m_s = setup.still_m_s.unwrap_or(seven_digits(fifth.min(STILL_M_S)));
+    let still_m_s = seven_digits(fifth.min(STILL_M_S));
     let moving = || windows.iter().filter(|window| window.speed_m_s.abs() >= still_m_s);
     let quiet = quantile(moving().map(|window| window.level).collect(), QUIET_SHARE);
     let usual = quantile(moving().map(|window| window.speed_m_s.abs()).collect(), 0.5);

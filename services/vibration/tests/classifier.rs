@@ -64,7 +64,6 @@ fn setup(classes: usize, method: Method) -> Setup {
         method,
         filtering: Filtering::Hmm,
         rejecting: Rejecting::Calibrated,
-        still_m_s: None,
     }
 }
 
