@@ -3,6 +3,8 @@
 mod commands;
 mod demo;
 mod doctor;
+mod figures;
+mod plots;
 mod policy;
 mod process;
 mod record;
