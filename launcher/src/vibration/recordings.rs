@@ -13,8 +13,8 @@ use vibration::recording::Recording;
 const SAMPLE_MAX: f64 = 1e9;
 /// How far sampling rates may differ, relative to them: windows are cut by the common one.
 pub const RATE_TOLERANCE: f64 = 0.05;
-/// Steps longer than so many usual ones are pauses, or miss a sample.
-const STEP_MAX: f64 = 1.9;
+/// Steps longer than so many usual ones are pauses.
+const STEP_MAX: f64 = 3.0;
 /// Channels of a sound file whose row names none, by their number.
 const SOUND_CHANNELS: [&str; 6] = [
     "acceleration_x_m_s2",
@@ -261,7 +261,7 @@ fn read_sound(path: &Path, row: &Listed) -> Result<Columns, String> {
     })
 }
 
-/// The sampling rate of a recording: the inverse of the mean step, without pauses and missing samples. Rounded or repeated instants do not
+/// The sampling rate of a recording: the inverse of the mean step, without the pauses. Rounded or repeated instants do not
 /// change it.
 fn rate_hz(taken_ns: &[u64]) -> Option<f64> {
     let mut steps: Vec<u64> = taken_ns
@@ -306,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rate_survives_rounding_batches_pauses_and_missing_samples() {
+    fn the_rate_survives_rounding_batches_and_pauses() {
         near((0..1000).map(|k| f64::from(k) / 50.0), 50.0);
         near((0..1000).map(|k| (f64::from(k) / 128.0 * 100.0).round() / 100.0), 128.0);
         near((0..1000).map(|k| f64::from(k / 10) / 10.0), 100.0);
@@ -314,7 +314,6 @@ mod tests {
             (0..1000).map(|k| f64::from(k) / 200.0 + if k > 300 { 7.0 } else { 0.0 }),
             200.0,
         );
-        near((0..1000).filter(|k| k % 9 != 0).map(|k| f64::from(k) / 50.0), 50.0);
     }
 
     #[test]
