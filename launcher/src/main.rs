@@ -14,6 +14,7 @@ mod simulate;
 mod status;
 mod supervisor;
 mod system;
+mod vibration;
 mod watch;
 
 use clap::{CommandFactory, Parser, Subcommand};
@@ -43,6 +44,9 @@ enum Command {
     Replay(replay::ReplayArguments),
     /// Writes a traverse folder of the simulated rover, with the truth beside it.
     Simulate(simulate::SimulateArguments),
+    /// Trains and tries the terrain classifier on recordings of one's own vehicle.
+    #[command(subcommand)]
+    Vibration(vibration::VibrationCommand),
     /// Shows how a running system is doing.
     Status(status::StatusArguments),
     /// Checks a system file without starting anything.
@@ -80,6 +84,7 @@ fn run(command: Command) -> Result<ExitCode, Error> {
         Command::Up(arguments) => commands::up(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Vibration(command) => vibration::run(&command),
         Command::Status(arguments) => status::run(&arguments),
         Command::Validate(arguments) => commands::validate(&arguments),
         Command::DefaultSystem => {
