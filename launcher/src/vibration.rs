@@ -80,7 +80,8 @@ pub struct EvaluateArguments {
 
 #[derive(Debug, Args)]
 struct Choices {
-    /// The channels, with commas between them; `acceleration_*` is all that begin so. [default: all but the speed]
+    /// The channels, with commas between them; `acceleration_*` stands for all that begin like this. [default: all but the
+    /// speed, or as the model was trained; a model of other channels is refused]
     #[arg(long, value_delimiter = ',')]
     channels: Vec<String>,
     /// Whether the windows before count. [default: hmm, or as the model was trained]
@@ -338,5 +339,8 @@ fn write(path: &Path, text: &str) -> Result<(), Error> {
     let partial = path.with_extension("partial");
     fs::write(&partial, text)
         .and_then(|()| fs::rename(&partial, path))
-        .map_err(|error| Error::data(format!("{}: {error}", path.display())))
+        .map_err(|error| {
+            let _ = fs::remove_file(&partial);
+            Error::data(format!("{}: {error}", path.display()))
+        })
 }

@@ -99,7 +99,10 @@ fn fault(folder: &Path, file: &str, what: &str) -> Error {
 
 fn open(path: &Path) -> Result<Table, Error> {
     let name = path.display().to_string();
-    let file = File::open(path).map_err(|error| Error::data(format!("{name}: {error}")))?;
+    let file = File::open(path).map_err(|error| {
+        let what = "recordings.csv must list the folder's recordings, one a row: file,class,run";
+        Error::data(format!("{name}: {error}; {what}"))
+    })?;
     Table::open(&name, Box::new(file)).map_err(|error| Error::data(error.to_string()))
 }
 

@@ -1,6 +1,7 @@
 //! How good a model is, for people and for programs.
 
 use super::recordings::Recordings;
+use crate::record::cell;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fmt::{self, Display, Write};
@@ -49,37 +50,21 @@ impl Report {
 
     /// For programs.
     pub fn to_json(&self) -> Value {
+        let known = |figure: f64| (self.windows > 0).then_some(figure);
         json!({
             "windows": self.windows,
             "labels": self.labels,
             "confusion": self.confusion,
-            "balanced_accuracy": self.balanced_accuracy,
-            "unknown_share": self.unknown_share,
-            "wrong_share": self.wrong_share,
-            "calibration_error": self.calibration_error,
+            "balanced_accuracy": known(self.balanced_accuracy),
+            "unknown_share": known(self.unknown_share),
+            "wrong_share": known(self.wrong_share),
+            "calibration_error": known(self.calibration_error),
             "foreign_windows": self.foreign.map_or(0, |foreign| foreign.0),
             "foreign_rejected_share": self.foreign.map(|foreign| foreign.1),
         })
     }
 
-    /// The confusion that costs most: true class, chosen class, and its share of the true one's windows.
-    fn worst(&self) -> Option<(usize, usize, f64)> {
-        let mut worst: Option<(usize, usize, f64)> = None;
-        for (truth, counts) in self.confusion.iter().enumerate() {
-            let all = counts.iter().sum::<usize>() as f64;
-            for (chosen, count) in counts[..self.labels.len()].iter().enumerate() {
-                let share = *count as f64 / all.max(1.0);
-                if chosen != truth && share > worst.map_or(0.0, |worst| worst.2) {
-                    worst = Some((truth, chosen, share));
-                }
-            }
-        }
-        worst
-    }
-}
-
-impl Display for Report {
-    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+    fn write_known(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         let short = |name: &str| name.chars().take(WIDTH - 1).collect::<String>();
         write!(out, "{:WIDTH$}", "")?;
         for label in &self.labels {
@@ -111,6 +96,32 @@ impl Display for Report {
                 self.labels[chosen]
             )?;
         }
+        Ok(())
+    }
+
+    /// The confusion that costs most: true class, chosen class, and its share of the true one's windows.
+    fn worst(&self) -> Option<(usize, usize, f64)> {
+        let mut worst: Option<(usize, usize, f64)> = None;
+        for (truth, counts) in self.confusion.iter().enumerate() {
+            let all = counts.iter().sum::<usize>() as f64;
+            for (chosen, count) in counts[..self.labels.len()].iter().enumerate() {
+                let share = *count as f64 / all.max(1.0);
+                if chosen != truth && share > worst.map_or(0.0, |worst| worst.2) {
+                    worst = Some((truth, chosen, share));
+                }
+            }
+        }
+        worst
+    }
+}
+
+impl Display for Report {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.windows == 0 {
+            writeln!(out, "no window of a terrain that the model knows could be scored")?;
+        } else {
+            self.write_known(out)?;
+        }
         if let Some((windows, share)) = self.foreign {
             writeln!(
                 out,
@@ -126,19 +137,21 @@ impl Display for Report {
 pub fn predictions(model: &Model, read: &Recordings, judged: &[Judged]) -> String {
     let mut table = String::from("run,start_s,class,predicted");
     for label in &model.labels {
-        table += &format!(",probability_{label}");
+        table += ",";
+        table += &cell(&format!("probability_{label}"));
     }
     table += ",metric\n";
     for Judged { window, decision } in judged {
         let recording = &read.all[window.recording];
         let start_s = window.start_ns as f64 / 1e9;
-        let _ = write!(table, "{},{start_s},{},", recording.run, read.labels[recording.class]);
+        let (run, class) = (cell(&recording.run), cell(&read.labels[recording.class]));
+        let _ = write!(table, "{run},{start_s},{class},");
         match decision {
             Ok(decision) => {
-                table += match decision.unknown {
-                    true => "unknown",
-                    false => &model.labels[decision.class],
-                };
+                match decision.unknown {
+                    true => table += "unknown",
+                    false => table += &cell(&model.labels[decision.class]),
+                }
                 for probability in &decision.probability[..model.labels.len()] {
                     let _ = write!(table, ",{probability:.6}");
                 }

@@ -7,6 +7,11 @@ use traverse::{Input, InputError, Rolls, SINKAGE_COLUMNS, Table, Traverse};
 /// Standard deviation of a measured angle where `traverse.toml` gives none.
 const ANGLE_SIGMA_RAD: f64 = 0.02;
 
+/// An angle beyond half a turn is a spike of the sensor, and one beyond this is not in radians.
+const ANGLE_MAX_RAD: f64 = 10.0;
+/// On hard ground, noise may put the entry angle behind an exit angle up to this; one beyond it has the wrong sign.
+const EXIT_NOISE_RAD: f64 = 0.1;
+
 /// The rows of `sinkage.csv`.
 pub(crate) struct SinkageRows {
     table: Table,
@@ -41,13 +46,17 @@ impl SinkageRows {
             sequence: table.row(),
             ..Header::default()
         };
-        let entry_rad = table.number(1, -PI..=PI)?;
-        let exit_rad = table.number(2, -PI..=PI)?;
-        if exit_rad > entry_rad {
+        let entry_rad = table.number(1, -ANGLE_MAX_RAD..=ANGLE_MAX_RAD)?;
+        let exit_rad = table.number(2, -ANGLE_MAX_RAD..=ANGLE_MAX_RAD)?;
+        if exit_rad > entry_rad && exit_rad > EXIT_NOISE_RAD {
             return Err(table.cell_fault(
                 2,
                 "lies in front of entry_rad; angles are negative behind straight down",
             ));
+        }
+        let is_impossible = exit_rad > entry_rad || entry_rad.abs() > PI || exit_rad.abs() > PI;
+        if is_impossible {
+            return Ok(Some(Sinkage::unknown(header.answer(Status::SENSOR_FAULT))));
         }
         Ok(Some(self.sample(header, entry_rad, exit_rad)))
     }

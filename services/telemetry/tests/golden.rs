@@ -183,6 +183,24 @@ fn a_wheel_that_rolls_left_is_entered_on_the_left() {
         .unwrap();
 }
 
+#[test]
+fn a_sensor_that_fails_on_the_way_is_a_status_and_not_the_end() {
+    let mut folder = Folder::new();
+    folder.sinkage = "taken_s,entry_rad,exit_rad\n1,0.5,0\n2,5,0\n3,-0.02,0\n4,nan,0\n5,0.1,-7\n".into();
+    let mut statuses = Vec::new();
+    folder
+        .run(10, |event| {
+            let Event::Sinkage(sinkage) = event else {
+                panic!("{event:?}")
+            };
+            assert_eq!(sinkage.check(), Ok(()));
+            statuses.push(sinkage.header.status);
+        })
+        .unwrap();
+    let fault = Status::SENSOR_FAULT;
+    assert_eq!(statuses, [Status::OK, fault, fault, Status::INCOMPLETE, fault]);
+}
+
 fn sound(spec: WavSpec, samples: &[i32]) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
     let mut writer = WavWriter::new(&mut bytes, spec).unwrap();
@@ -446,7 +464,6 @@ fn no_observation_is_silent_for_long_nor_behind_by_many_samples() {
 const BAD_FILES: &str = r#"
 wheel     W|0,1,2,3,abc                        => t/wheel.csv:2: linear_velocity_m_s: "abc" is not a number; write one
 wheel     W|0,1,2,3,4|1,inf,2,3,4              => t/wheel.csv:3: load_n: "inf" is not a number
-wheel     W|0,1,2,3,4|1,NaN,2,3,4              => t/wheel.csv:3: load_n: "NaN" is not a number
 wheel     W|                                   => t/wheel.csv:2: there is no row; leave the file out
 wheel     |                                    => t/wheel.csv:2: the file is empty
 wheel     taken_s,load_n|0,1                   => t/wheel.csv:1: column "torque_nm" is missing; the columns are taken_s,

@@ -127,8 +127,14 @@ impl Model {
     /// # Errors
     /// Says what is wrong in it, and where.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let model: Self = toml::from_str(text).map_err(|error| error.to_string())?;
-        model.validate()?;
+        let model: Self = toml::from_str(text).map_err(|error| {
+            // Without the line itself, which may hold hundreds of weights.
+            let before = error.span().and_then(|span| text.get(..span.start)).unwrap_or("");
+            let line = 1 + before.matches('\n').count();
+            format!("line {line}: {}; train the model again", error.message())
+        })?;
+        let again = |what| format!("{what}; train the model again");
+        model.validate().map_err(again)?;
         Ok(model)
     }
 
@@ -240,7 +246,7 @@ pub fn check_names(labels: &[String], channels: &[String]) -> Result<(), String>
     })?;
     check((1..=CHANNELS_MAX).contains(&channels.len()), || {
         format!(
-            "there must be 1 to {CHANNELS_MAX} channels, there are {}: {}",
+            "there must be 1 to {CHANNELS_MAX} channels, there are {}; choose among {}",
             channels.len(),
             channels.join(", ")
         )

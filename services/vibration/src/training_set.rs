@@ -71,9 +71,11 @@ impl TrainingSet {
         for (class, label) in setup.labels.iter().enumerate() {
             let count = classes.iter().filter(|other| **other == class).count();
             if count < WINDOWS_MIN {
+                let own = |window: &&Window| window.scored && recordings[window.recording].class == class;
                 return Err(format!(
-                    "class {label} has {count} usable windows of {:.2} s; record at least {WINDOWS_MIN}, better 100",
-                    setup.window_samples as f64 / setup.rate_hz
+                    "class {label} has {count} usable windows of {:.2} s{}; record at least {WINDOWS_MIN}, better 100",
+                    setup.window_samples as f64 / setup.rate_hz,
+                    unusable(windows.iter().filter(own), speed)
                 ));
             }
         }
@@ -144,6 +146,29 @@ impl TrainingSet {
             }
         }
         weights
+    }
+}
+
+/// Why windows are of no use, and how many: words in brackets, or nothing where all are.
+fn unusable<'a>(windows: impl Iterator<Item = &'a Window> + Clone, speed: &Speed) -> String {
+    let still = windows.clone().filter(|window| speed.stands_still(window)).count();
+    let mut reasons = vec![(still, "are of a vehicle that stands still")];
+    for quality in [Quality::Faulty, Quality::Incomplete, Quality::WrongRate] {
+        let moving = windows.clone().filter(|window| !speed.stands_still(window));
+        reasons.push((
+            moving.filter(|window| window.quality == quality).count(),
+            quality.words(),
+        ));
+    }
+    let reasons: Vec<String> = reasons
+        .into_iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{count} {what}"))
+        .collect();
+    if reasons.is_empty() {
+        String::new()
+    } else {
+        format!(" ({})", reasons.join(", "))
     }
 }
 

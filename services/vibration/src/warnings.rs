@@ -25,14 +25,13 @@ pub fn warnings(setup: &Setup, recordings: &[Recording], trained: &Trained) -> V
     }
     let windows = trained.windows.iter().filter(|window| window.scored);
     let count = windows.clone().count();
-    for (quality, what) in [
-        (Quality::Faulty, "have a dead or saturated channel"),
-        (Quality::Incomplete, "miss too many samples"),
-        (Quality::WrongRate, "hold more samples than the rate allows"),
-    ] {
+    for quality in [Quality::Faulty, Quality::Incomplete, Quality::WrongRate] {
         let bad = windows.clone().filter(|window| window.quality == quality).count();
         if bad as f64 > FAULTY_SHARE * count as f64 {
-            found.push(format!("{bad} of {count} windows {what}; they are left out"));
+            found.push(format!(
+                "{bad} of {count} windows {}; they are left out",
+                quality.words()
+            ));
         }
     }
     if trained.windows.iter().all(|window| window.speed_m_s.is_nan()) {

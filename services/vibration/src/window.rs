@@ -26,6 +26,19 @@ pub enum Quality {
     Faulty,
 }
 
+impl Quality {
+    /// What such windows are or have, as words that follow their number.
+    #[must_use]
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Good => "are good",
+            Self::Incomplete => "miss too many samples",
+            Self::WrongRate => "hold more samples than the rate allows",
+            Self::Faulty => "have a dead or saturated channel",
+        }
+    }
+}
+
 /// Collects equally spaced samples of several channels.
 pub struct Collector {
     period_ns: f64,

@@ -316,6 +316,7 @@ fn a_model_file_with_a_mistake_says_what_is_wrong() {
         ("window_samples = 100", "window_samples = 50", "weights, has"),
         ("tapers", "taper", "taper"),
         ("offset = ", "offset = nan # ", "not finite"),
+        ("[reject]", "[reject", "line "),
     ] {
         let complained = Model::parse(&text.replacen(from, to, 1)).unwrap_err();
         assert!(complained.contains(complaint), "{complained}");
@@ -326,6 +327,16 @@ fn a_model_file_with_a_mistake_says_what_is_wrong() {
 fn a_class_without_windows_cannot_be_trained() {
     let complaint = train(&setup(2, Method::Paper), &recordings(1), &mut |_, _| {}).unwrap_err();
     assert!(complaint.contains("class gravel has 0 usable windows"), "{complaint}");
+}
+
+#[test]
+fn why_the_windows_of_a_class_cannot_be_used_is_said() {
+    let mut dead = recordings(2);
+    for recording in &mut dead {
+        recording.channels[0].fill(0.5);
+    }
+    let complaint = train(&setup(2, Method::Paper), &dead, &mut |_, _| {}).unwrap_err();
+    assert!(complaint.contains("have a dead or saturated channel"), "{complaint}");
 }
 
 #[test]

@@ -139,12 +139,14 @@ impl Table {
         range.and_then(|range| self.text.get(range)).unwrap_or("")
     }
 
-    /// A cell of the current row as a number in `range`, NaN where the cell is empty or the column is not in the file.
+    /// A cell of the current row as a number in `range`, NaN where the cell is empty or `nan` or the column is not in the file.
     ///
     /// # Errors
     /// Where the cell holds anything else.
     pub fn number(&self, column: usize, range: RangeInclusive<f64>) -> Result<f64, InputError> {
-        if self.text(column).is_empty() {
+        let text = self.text(column);
+        // Some programs write a missing value so.
+        if text.is_empty() || text.eq_ignore_ascii_case("nan") {
             return Ok(f64::NAN);
         }
         let remedy = "write one like -1.25e3, or leave the cell empty if the value is missing";
@@ -364,8 +366,8 @@ mod tests {
                 "a.csv:3: load_n: \"abc\" is not a number; write one like -1.25e3, or leave the cell empty if the value is missing",
             ),
             (
-                "taken_s,load_n\n0,NaN\n",
-                "a.csv:2: load_n: \"NaN\" is not a number; write one like -1.25e3, or leave the cell empty if the value is missing",
+                "taken_s,load_n\n0,inf\n",
+                "a.csv:2: load_n: \"inf\" is not a number; write one like -1.25e3, or leave the cell empty if the value is missing",
             ),
             (
                 "taken_s,load_n\n0,1e999\n",
