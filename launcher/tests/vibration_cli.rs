@@ -165,6 +165,20 @@ fn the_same_recordings_give_the_same_bytes() {
 }
 
 #[test]
+fn a_class_with_a_comma_in_its_name_stays_one_cell() {
+    let folder = folder();
+    for place in ["train", "test"] {
+        let list = folder.path().join(place).join("recordings.csv");
+        let text = fs::read_to_string(&list).unwrap();
+        fs::write(&list, text.replace(",loam,", ",\"loam, wet\",")).unwrap();
+    }
+    succeed(folder.path(), &["train", "train", "--out", "model.toml"]);
+    succeed(folder.path(), &["evaluate", "model.toml", "test", "--out", "p.csv"]);
+    let table = fs::read_to_string(folder.path().join("p.csv")).unwrap();
+    assert!(table.contains(",\"probability_loam, wet\",") && table.contains(",\"loam, wet\","));
+}
+
+#[test]
 fn sound_files_are_recordings_too() {
     let folder = folder();
     let spec = hound::WavSpec {

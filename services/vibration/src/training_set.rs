@@ -149,27 +149,25 @@ impl TrainingSet {
     }
 }
 
-/// Why windows are of no use, and how many: words in brackets, or nothing where all are.
-fn unusable<'a>(windows: impl Iterator<Item = &'a Window> + Clone, speed: &Speed) -> String {
-    let still = windows.clone().filter(|window| speed.stands_still(window)).count();
-    let mut reasons = vec![(still, "are of a vehicle that stands still")];
-    for quality in [Quality::Faulty, Quality::Incomplete, Quality::WrongRate] {
-        let moving = windows.clone().filter(|window| !speed.stands_still(window));
-        reasons.push((
-            moving.filter(|window| window.quality == quality).count(),
-            quality.words(),
-        ));
+/// Why windows cannot be used, and how many: words in brackets; nothing where all can.
+fn unusable<'a>(windows: impl Iterator<Item = &'a Window>, speed: &Speed) -> String {
+    let mut reasons: BTreeMap<&str, usize> = BTreeMap::new();
+    for window in windows {
+        let still = speed.stands_still(window);
+        if still || window.quality != Quality::Good {
+            let reason = if still {
+                "are of a vehicle that stands still"
+            } else {
+                window.quality.words()
+            };
+            *reasons.entry(reason).or_default() += 1;
+        }
     }
-    let reasons: Vec<String> = reasons
-        .into_iter()
-        .filter(|(count, _)| *count > 0)
-        .map(|(count, what)| format!("{count} {what}"))
-        .collect();
     if reasons.is_empty() {
-        String::new()
-    } else {
-        format!(" ({})", reasons.join(", "))
+        return String::new();
     }
+    let reasons: Vec<String> = reasons.iter().map(|(what, count)| format!("{count} {what}")).collect();
+    format!(" ({})", reasons.join(", "))
 }
 
 impl Speed {
