@@ -5,7 +5,7 @@ use shell::Error;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
-use traverse::Table;
+use traverse::{Table, sampling_period_ns};
 use vibration::classifier::SPEED_CHANNEL;
 use vibration::recording::Recording;
 
@@ -13,8 +13,6 @@ use vibration::recording::Recording;
 const SAMPLE_MAX: f64 = 1e9;
 /// How far sampling rates may differ, relative to them: windows are cut by the common one.
 pub const RATE_TOLERANCE: f64 = 0.05;
-/// Steps longer than so many usual ones are pauses.
-const STEP_MAX: f64 = 3.0;
 /// Channels of a sound file whose row names none, by their number.
 const SOUND_CHANNELS: [&str; 6] = [
     "acceleration_x_m_s2",
@@ -79,8 +77,8 @@ pub fn read(
         if chosen.is_empty() {
             chosen = choose(&columns.names, channels).map_err(|what| fault(folder, &row.file, &what))?;
         }
-        if let Some(rate_hz) = rate_hz(&columns.taken_ns) {
-            rates.push((rate_hz, row.file.clone()));
+        if let Some(period_ns) = sampling_period_ns(&columns.taken_ns) {
+            rates.push((1e9 / period_ns, row.file.clone()));
         }
         all.push(recording(row, &labels, &chosen, columns).map_err(|what| fault(folder, &row.file, &what))?);
     }
@@ -264,20 +262,6 @@ fn read_sound(path: &Path, row: &Listed) -> Result<Columns, String> {
     })
 }
 
-/// The sampling rate of a recording: the inverse of the mean step, without the pauses. Rounded or repeated instants do not
-/// change it.
-fn rate_hz(taken_ns: &[u64]) -> Option<f64> {
-    let mut steps: Vec<u64> = taken_ns
-        .windows(2)
-        .map(|pair| pair[1].saturating_sub(pair[0]))
-        .collect();
-    steps.sort_unstable();
-    let positive = &steps[steps.partition_point(|step| *step == 0)..];
-    let median = positive.get(positive.len() / 2)?;
-    let regular = &steps[..steps.partition_point(|step| *step as f64 <= STEP_MAX * *median as f64)];
-    Some(regular.len() as f64 * 1e9 / regular.iter().sum::<u64>() as f64)
-}
-
 /// The rate of all recordings: the median, rounded to four digits.
 fn common_rate(mut rates: Vec<(f64, String)>) -> Result<f64, String> {
     rates.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -298,32 +282,6 @@ fn common_rate(mut rates: Vec<(f64, String)>) -> Result<f64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn near(instants_s: impl Iterator<Item = f64>, expected_hz: f64) {
-        let taken_ns: Vec<u64> = instants_s.map(|instant_s| (instant_s * 1e9).round() as u64).collect();
-        let found_hz = rate_hz(&taken_ns).expect("a rate");
-        assert!(
-            (found_hz / expected_hz - 1.0).abs() < 0.01,
-            "{found_hz} instead of {expected_hz}"
-        );
-    }
-
-    #[test]
-    fn the_rate_survives_rounding_batches_and_pauses() {
-        near((0..1000).map(|k| f64::from(k) / 50.0), 50.0);
-        near((0..1000).map(|k| (f64::from(k) / 128.0 * 100.0).round() / 100.0), 128.0);
-        near((0..1000).map(|k| f64::from(k / 10) / 10.0), 100.0);
-        near(
-            (0..1000).map(|k| f64::from(k) / 200.0 + if k > 300 { 7.0 } else { 0.0 }),
-            200.0,
-        );
-    }
-
-    #[test]
-    fn a_recording_without_two_instants_has_no_rate() {
-        assert_eq!(rate_hz(&[]), None);
-        assert_eq!(rate_hz(&[5, 5, 5]), None);
-    }
 
     #[test]
     fn channels_are_chosen_by_name_or_by_how_they_begin() {

@@ -3,7 +3,7 @@
 use hound::{SampleFormat, WavReader};
 use messages::{CHANNELS_MAX, LABEL_BYTES};
 use std::collections::VecDeque;
-use traverse::{Input, InputError, Table, Traverse};
+use traverse::{Input, InputError, Table, Traverse, sampling_period_ns};
 
 /// Endings of a channel's name.
 const UNITS: [&str; 11] = [
@@ -232,18 +232,11 @@ impl Sound {
     }
 }
 
-/// The nominal period of a table's instants: the mean of their differences, without the pauses. Rounded or repeated
-/// instants do not change it.
+/// The nominal period of a table's instants.
 fn period_ns(times: &[u64]) -> u64 {
-    let mut steps: Vec<u64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    steps.sort_unstable();
-    let positive = &steps[steps.partition_point(|step| *step == 0)..];
-    let Some(median) = positive.get(positive.len() / 2) else {
-        return PERIOD_DEFAULT_NS;
-    };
-    let regular = &steps[..steps.partition_point(|step| *step <= median.saturating_mul(3))];
-    let mean = regular.iter().sum::<u64>() as f64 / regular.len() as f64;
-    (mean.round() as u64).clamp(1, 10_000_000_000)
+    sampling_period_ns(times).map_or(PERIOD_DEFAULT_NS, |period_ns| {
+        (period_ns.round() as u64).clamp(1, 10_000_000_000)
+    })
 }
 
 /// Names that a piece of vibration can carry, and from which a reader can tell the unit.
@@ -274,27 +267,6 @@ fn check_channels(channels: &[String]) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn times(count: usize, instant_s: impl Fn(usize) -> f64) -> Vec<u64> {
-        (0..count)
-            .map(|index| (instant_s(index) * 1e9).round() as u64)
-            .collect()
-    }
-
-    #[test]
-    fn the_period_survives_rounded_instants_batches_and_pauses() {
-        let near = |times: &[u64], hz: f64| {
-            let found = period_ns(times) as f64;
-            assert!((found * hz / 1e9 - 1.0).abs() < 0.01, "{found} ns for {hz} Hz");
-        };
-        near(&times(1000, |k| k as f64 / 100.0), 100.0);
-        near(&times(1000, |k| (k as f64 / 128.0 * 100.0).round() / 100.0), 128.0);
-        near(&times(1000, |k| (k / 10) as f64 / 10.0), 100.0);
-        near(
-            &times(1000, |k| k as f64 / 200.0 + if k > 300 { 7.0 } else { 0.0 }),
-            200.0,
-        );
-    }
 
     #[test]
     fn the_period_is_never_zero() {
