@@ -35,6 +35,13 @@ pub struct Shift {
 }
 
 impl Shift {
+    /// None at all.
+    pub const NONE: Self = Self {
+        right: 0.0,
+        down: 0.0,
+        growth: 0.0,
+    };
+
     /// Fits a circle to the inner edge; `None` where too little of it can be seen.
     #[must_use]
     pub fn find(image: &[u8], width: usize, frame: &Frame) -> Option<Self> {
@@ -68,6 +75,12 @@ impl Shift {
         for k in 0..3 {
             plane[k] = (plane[k] - self.right * plane[6 + k]) * scale;
             plane[3 + k] = (plane[3 + k] - self.down * plane[6 + k]) * scale;
+        }
+        let image = &mut moved.image;
+        for row in image.chunks_exact_mut(3) {
+            row[2] += self.right * row[0] + self.down * row[1];
+            row[0] *= 1.0 + self.growth;
+            row[1] *= 1.0 + self.growth;
         }
         moved
     }

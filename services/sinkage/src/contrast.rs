@@ -1,8 +1,9 @@
 //! The wheel-terrain interface as the line, a row or slightly tilted, across which the rim's cells differ most consistently.
 
-use crate::cells::{COLUMNS, Cells, EDGES, MARGIN};
+use crate::cells::{COLUMNS, Cells};
+use crate::ring::Ring;
 use crate::rows::ROWS;
-use crate::weights::Weights;
+use crate::weights::{FEATURES, Feature};
 
 /// Slopes of the lines: rows of height per distance outwards.
 pub const TILTS: [f32; 11] = [-0.30, -0.22, -0.15, -0.095, -0.045, 0.0, 0.045, 0.095, 0.15, 0.22, 0.30];
@@ -10,55 +11,59 @@ pub const TILTS: [f32; 11] = [-0.30, -0.22, -0.15, -0.095, -0.045, 0.0, 0.045, 0
 const PIVOT: f32 = 0.45;
 /// Rows above and below a line that are compared: of the narrow, the middle and the wide window.
 const WINDOWS: [usize; 3] = [3, 6, 12];
+/// Rows above and below a line whose texture is compared.
+const WIDE: usize = WINDOWS[2];
+/// Empty rows above the first and below the last row, into which a tilted line and its window may reach.
+const MARGIN: usize = 40;
+/// Edges of a column with its margins: edge `k` is the upper one of row `k - MARGIN`.
+const EDGES: usize = ROWS + 2 * MARGIN + 1;
+/// Lines of a tilt, with those that a window beyond the first and last row needs.
+const LINES: usize = ROWS + 2 * WIDE;
 /// Pixels of a column on either side of a line, below which it says nothing.
 const COLUMN_MIN: f32 = 2.5;
 /// Pixels of all columns below which a line is none.
 const LINE_MIN: f32 = 6.0;
 /// Heights between which a line may meet the outer circle.
 const HEIGHTS: (f32, f32) = (0.25, 0.998);
+/// Row down to which the rim is taken to be free of soil: what it looks like.
+const FREE: usize = ROWS * 3 / 10;
 /// Neighbouring pixels are not independent: their noise counts as many times.
 const CORRELATION: f32 = 6.0;
-/// Variance of the log gray values below which nothing is told apart.
+/// Variance of the log gray values, and square of their differences, below which nothing is told apart.
 const VARIANCE_MIN: f32 = 3e-4;
+const TEXTURE_MIN: f32 = 5e-5;
+/// Rows next to a line whose outer edge may be soil or not.
+const EDGE_GAP: usize = 1;
+/// A middling step across the outer edge, and for how many rows it counts.
+const EDGE: f32 = 0.15;
+const EDGE_ROWS: f32 = 1.0;
+/// Step across the outer edge below which nothing is told apart.
+const EDGE_MIN: f32 = 0.02;
 /// Rows from which on a line can meet the circle within [`HEIGHTS`].
-const FIRST: usize = 16;
+pub const FIRST: usize = 16;
 /// Rows above a line that still belong to it.
 const SAME: usize = 10;
 
-/// What speaks for or against a line, in the order of [`Weights::NAMES`].
-pub const FEATURES: usize = 15;
+/// Sums over the columns of one line: of each window the weight of the columns, their steps, and the steps' squares; and the
+/// four sums of the cells over all that lies above the line.
+const TERMS: usize = 3 * WINDOWS.len();
 
-/// Sums over the columns of one line: of each window, and of all that lies above it.
-const TERMS: usize = 19;
-const WEIGHT: usize = 0;
-const STEP: usize = 1;
-const STEP_SQUARE: usize = 2;
-const NOISE: usize = 3;
-/// Terms of a window; those of the next follow.
-const PER_WINDOW: usize = 4;
-const WIDE: usize = 2 * PER_WINDOW;
-const VARIANCE_ABOVE: usize = 12;
-const VARIANCE_BELOW: usize = 13;
-const LOG_VARIANCE_ABOVE: usize = 14;
-const LOG_VARIANCE_BELOW: usize = 15;
-const COUNT: usize = 16;
-const LOG: usize = 17;
-const SQUARE: usize = 18;
-
-type Lines = [[f32; ROWS]; TERMS];
+/// What speaks for or against each line of a tilt.
+pub type Features = [[f32; ROWS]; FEATURES];
 
 /// The work space of one side.
 #[derive(Clone, Debug)]
 pub struct Contrast {
-    /// Sums over all rows above each edge of each column: pixels, logs, squares.
-    above: [[[f32; EDGES]; COLUMNS]; 3],
+    /// Sums over all rows above each edge of each column.
+    above: [[[f32; EDGES]; COLUMNS]; 4],
     /// Terms of each column and edge.
-    columns: [[[f32; EDGES]; COLUMNS]; COUNT],
+    columns: [[[f32; EDGES]; COLUMNS]; TERMS],
     /// First and last edge between pixels.
     bands: [(usize, usize); COLUMNS],
-    lines: Lines,
+    lines: [[f32; LINES]; TERMS],
+    regions: [[f32; LINES]; 4],
     /// The features of each line, by tilt, feature and row.
-    pub features: [[[f32; ROWS]; FEATURES]; TILTS.len()],
+    pub features: [Features; TILTS.len()],
     /// Whether there is such a line at all.
     pub known: [[bool; ROWS]; TILTS.len()],
     /// Height at which each line meets the outer circle; NaN where it does not.
@@ -70,10 +75,11 @@ impl Contrast {
     #[must_use]
     pub fn new() -> Box<Self> {
         Box::new(Self {
-            above: [[[0.0; EDGES]; COLUMNS]; 3],
-            columns: [[[0.0; EDGES]; COLUMNS]; COUNT],
+            above: [[[0.0; EDGES]; COLUMNS]; 4],
+            columns: [[[0.0; EDGES]; COLUMNS]; TERMS],
             bands: [(0, 0); COLUMNS],
-            lines: [[0.0; ROWS]; TERMS],
+            lines: [[0.0; LINES]; TERMS],
+            regions: [[0.0; LINES]; 4],
             features: [[[0.0; ROWS]; FEATURES]; TILTS.len()],
             known: [[false; ROWS]; TILTS.len()],
             heights: TILTS.map(|tilt| std::array::from_fn(|row| meets_circle(row, tilt))),
@@ -81,33 +87,42 @@ impl Contrast {
     }
 
     /// Fills the features of every line. The largest step of the middle window, as a log ratio, is the side's contrast.
-    pub fn measure(&mut self, cells: &Cells) -> f32 {
+    pub fn measure(&mut self, cells: &Cells, ring: &Ring) -> f32 {
         self.sum_above(cells);
         for column in 0..COLUMNS {
             for (k, window) in WINDOWS.into_iter().enumerate() {
-                self.compare(column, window, PER_WINDOW * k);
+                self.compare(column, window, 3 * k);
             }
         }
-        let whole = Whole::new(&self.above);
+        let whole = self.whole();
+        let free = self.free();
+        let edges = edge_features(ring);
         for (tilt, slope) in TILTS.into_iter().enumerate() {
             self.sum_columns(slope);
             for row in FIRST..ROWS {
                 let height = self.heights[tilt][row];
-                self.known[tilt][row] = height > HEIGHTS.0 && height < HEIGHTS.1 && self.lines[WEIGHT][row] >= LINE_MIN;
+                self.known[tilt][row] =
+                    height > HEIGHTS.0 && height < HEIGHTS.1 && self.lines[0][row + WIDE] >= LINE_MIN;
             }
             let features = &mut self.features[tilt];
             for k in 0..WINDOWS.len() {
-                window_features(&self.lines, k, features);
+                window_features(&self.lines[3 * k..], &self.regions, k, features);
             }
-            texture_features(&self.lines, features);
-            region_features(&self.lines, &whole, features);
+            texture_features(&self.regions, &whole, free, features);
+            region_features(&self.regions, &whole, features);
             prior_features(slope, &self.heights[tilt], features);
+            for row in FIRST..ROWS {
+                // NaN is 0, and no line.
+                let edge = edges[((self.heights[tilt][row] * ROWS as f32) as usize).min(ROWS - 1)];
+                for (k, value) in edge.into_iter().enumerate() {
+                    features[Feature::EdgeAbove as usize + k][row] = value;
+                }
+            }
         }
         self.relate()
     }
 
     fn sum_above(&mut self, cells: &Cells) {
-        let [count, log, square] = &mut self.above;
         for (column, rows) in cells.cells.iter().enumerate() {
             let (mut first, mut last) = (EDGES, 0);
             let mut sums = [0.0; 4];
@@ -116,71 +131,87 @@ impl Contrast {
                     first = first.min(row + MARGIN);
                     last = row + MARGIN + 1;
                 }
-                for (sum, value) in sums.iter_mut().zip(cell) {
+                for ((sum, value), above) in sums.iter_mut().zip(cell).zip(&mut self.above) {
                     *sum += value;
+                    above[column][row + MARGIN + 1] = *sum;
                 }
-                let edge = row + MARGIN + 1;
-                (count[column][edge], log[column][edge], square[column][edge]) = (sums[0], sums[1], sums[2]);
             }
-            count[column][ROWS + MARGIN + 1..].fill(sums[0]);
-            log[column][ROWS + MARGIN + 1..].fill(sums[1]);
-            square[column][ROWS + MARGIN + 1..].fill(sums[2]);
+            for (sum, above) in sums.iter().zip(&mut self.above) {
+                above[column][ROWS + MARGIN + 1..].fill(*sum);
+            }
             self.bands[column] = (first.min(last), last);
         }
     }
 
-    /// Per edge of a column: the step of the mean, weighted by the pixels it rests on, its square, and its noise.
+    /// Per edge of a column: the step of the mean, weighted by the pixels it rests on, and its square.
     fn compare(&mut self, column: usize, window: usize, term: usize) {
         let (first, last) = self.bands[column];
         let size = last - first;
-        let [count, log, square] = self.above.each_ref().map(|sums| {
-            let at = |edge: usize| &sums[column][edge..edge + size];
-            [at(first - window.min(first)), at(first), at(first + window)]
+        let [count, log] = [0, 1].map(|k| {
+            let at = |edge: usize| &self.above[k][column][edge..edge + size];
+            [at(first.saturating_sub(window)), at(first), at(first + window)]
         });
-        let terms = self.columns.each_mut().map(|terms| &mut terms[column][first..last]);
+        let [weights, steps, squares] = &mut self.columns[term..term + 3] else {
+            return;
+        };
+        let (weights, steps, squares) = (
+            &mut weights[column][first..last],
+            &mut steps[column][first..last],
+            &mut squares[column][first..last],
+        );
         for k in 0..size {
             let (above, below) = (count[1][k] - count[0][k], count[2][k] - count[1][k]);
             let known = above >= COLUMN_MIN && below >= COLUMN_MIN;
             let (na, nb) = (1.0 / above.max(1.0), 1.0 / below.max(1.0));
-            let (ma, mb) = ((log[1][k] - log[0][k]) * na, (log[2][k] - log[1][k]) * nb);
-            let va = ((square[1][k] - square[0][k]) * na - ma * ma).max(0.0);
-            let vb = ((square[2][k] - square[1][k]) * nb - mb * mb).max(0.0);
+            let step = (log[2][k] - log[1][k]) * nb - (log[1][k] - log[0][k]) * na;
             let weight = if known { 2.0 / (na + nb) } else { 0.0 };
-            let step = weight * (mb - ma);
-            terms[term + WEIGHT][k] = weight;
-            terms[term + STEP][k] = step;
-            terms[term + STEP_SQUARE][k] = step * (mb - ma);
-            terms[term + NOISE][k] = weight * weight * (va * na + vb * nb);
-            if term == WIDE {
-                terms[VARIANCE_ABOVE][k] = weight * va;
-                terms[VARIANCE_BELOW][k] = weight * vb;
-                terms[LOG_VARIANCE_ABOVE][k] = weight * ln(va + 1e-4);
-                terms[LOG_VARIANCE_BELOW][k] = weight * ln(vb + 1e-4);
-            }
+            weights[k] = weight;
+            steps[k] = weight * step;
+            squares[k] = weight * step * step;
         }
     }
 
     /// Sums over the columns along the lines of one tilt.
     fn sum_columns(&mut self, tilt: f32) {
-        self.lines = [[0.0; ROWS]; TERMS];
+        self.lines = [[0.0; LINES]; TERMS];
+        self.regions = [[0.0; LINES]; 4];
+        // What a column adds to all lines below it.
+        let mut below = [[0.0; LINES + 1]; 4];
         for column in 0..COLUMNS {
             let outwards = (column as f32 + 0.5) / COLUMNS as f32 - PIVOT;
-            // Row r of the line is edge r + lift of this column.
-            let lift = (MARGIN as f32 + tilt * outwards * ROWS as f32).round() as usize;
+            // Line l is edge l + lift of this column.
+            let lift = ((MARGIN - WIDE) as f32 + tilt * outwards * ROWS as f32).round() as usize;
             let (first, last) = self.bands[column];
-            let row = |edge: usize| edge.saturating_sub(lift).clamp(FIRST, ROWS);
-            let (from, to) = (row(first), row(last));
+            let line = |edge: usize| edge.saturating_sub(lift).min(LINES);
+            let (from, to) = (line(first), line(last));
             for (line, terms) in self.lines.iter_mut().zip(&self.columns) {
                 add(&mut line[from..to], &terms[column][from + lift..to + lift]);
             }
-            for (line, sums) in self.lines[COUNT..].iter_mut().zip(&self.above) {
+            for ((line, sums), below) in self.regions.iter_mut().zip(&self.above).zip(&mut below) {
                 add(&mut line[from..to], &sums[column][from + lift..to + lift]);
-                let total = sums[column][EDGES - 1];
-                for sum in &mut line[to..] {
-                    *sum += total;
-                }
+                below[to] += sums[column][EDGES - 1];
             }
         }
+        for (line, below) in self.regions.iter_mut().zip(&below) {
+            let mut total = 0.0;
+            for (sum, below) in line.iter_mut().zip(below) {
+                total += below;
+                *sum += total;
+            }
+        }
+    }
+
+    /// Sums over the whole side.
+    fn whole(&self) -> [f32; 4] {
+        self.above
+            .each_ref()
+            .map(|sums| sums.iter().map(|column| column[EDGES - 1]).sum())
+    }
+
+    /// Texture of the rim where no soil is.
+    fn free(&self) -> f32 {
+        let sum = |k: usize| self.above[k].iter().map(|column| column[FREE + MARGIN]).sum::<f32>();
+        sum(3) / sum(0).max(1.0)
     }
 
     /// What a line's features are among those of the other lines.
@@ -192,45 +223,27 @@ impl Contrast {
                 for (k, largest) in largest.iter_mut().enumerate() {
                     *largest = largest.max(features[2 * k + 1][row]);
                 }
-                best[row] = best[row].max(features[Weights::MIDDLE_CONTRAST][row]);
+                best[row] = best[row].max(features[Feature::MiddleContrast as usize][row]);
             }
         }
-        let mut above = [0.0_f32; ROWS];
+        let (mut above, mut below) = ([0.0_f32; ROWS], [0.0_f32; ROWS]);
         for row in FIRST + SAME..ROWS {
             above[row] = above[row - 1].max(best[row - SAME]);
         }
+        for row in (FIRST..ROWS - SAME).rev() {
+            below[row] = below[row + 1].max(best[row + SAME]);
+        }
         for features in &mut self.features {
             for (k, largest) in largest.iter().enumerate() {
+                let scale = 1.0 / largest;
                 for share in &mut features[2 * k + 1] {
-                    *share /= largest;
+                    *share *= scale;
                 }
             }
-            features[Weights::ABOVE] = above;
+            features[Feature::Above as usize] = above;
+            features[Feature::Below as usize] = below;
         }
         largest[1]
-    }
-}
-
-/// Sums over the whole side.
-struct Whole {
-    count: f32,
-    log: f32,
-    square: f32,
-    variance: f32,
-}
-
-impl Whole {
-    fn new(above: &[[[f32; EDGES]; COLUMNS]; 3]) -> Self {
-        let [count, log, square] = above
-            .each_ref()
-            .map(|sums| sums.iter().map(|column| column[EDGES - 1]).sum::<f32>());
-        let count = count.max(1.0);
-        Self {
-            count,
-            log,
-            square,
-            variance: variance(count, log, square),
-        }
     }
 }
 
@@ -241,54 +254,96 @@ fn variance(count: f32, log: f32, square: f32) -> f32 {
 }
 
 /// A t-like score: the mean step against its spread over the columns and the pixels' noise; and the step itself.
-fn window_features(lines: &Lines, k: usize, features: &mut [[f32; ROWS]; FEATURES]) {
-    let term = PER_WINDOW * k;
+fn window_features(lines: &[[f32; LINES]], regions: &[[f32; LINES]; 4], k: usize, features: &mut Features) {
+    let window = WINDOWS[k];
     for row in FIRST..ROWS {
-        let weight = lines[term + WEIGHT][row];
+        let line = row + WIDE;
+        let [above, below] = [line - window, line].map(|from| {
+            let sum = |k: usize| regions[k][from + window.min(LINES - 1 - from)] - regions[k][from];
+            let count = sum(0);
+            variance(count, sum(1), sum(2)) / count.max(1.0)
+        });
+        let weight = lines[0][line];
         let share = 1.0 / weight.max(1e-3);
-        let step = lines[term + STEP][row] * share;
-        let spread = (lines[term + STEP_SQUARE][row] * share - step * step).max(0.0);
-        let noise = CORRELATION * lines[term + NOISE][row] * share * share;
+        let step = lines[1][line] * share;
+        let spread = (lines[2][line] * share - step * step).max(0.0);
+        let noise = CORRELATION * (above + below);
         let known = weight / (weight + 15.0);
         features[2 * k][row] = known * ln(1.0 + step * step / (0.001 + 0.3 * spread + noise));
         features[2 * k + 1][row] = known * step.abs();
     }
 }
 
-/// Soil is rougher than a rim.
-fn texture_features(lines: &Lines, features: &mut [[f32; ROWS]; FEATURES]) {
+/// Soil is rougher than a rim: texture and variance next to the line, and texture of all above and all below.
+fn texture_features(regions: &[[f32; LINES]; 4], whole: &[f32; 4], free: f32, features: &mut Features) {
+    let rim = ln(free + TEXTURE_MIN);
+    let all = ln(whole[3] / whole[0].max(1.0) + TEXTURE_MIN);
     for row in FIRST..ROWS {
-        let weight = lines[WIDE + WEIGHT][row].max(1e-3);
-        let floor = 2e-4 * weight;
-        let known = weight / (weight + 40.0);
-        let ratio = (lines[VARIANCE_BELOW][row] + floor) / (lines[VARIANCE_ABOVE][row] + floor);
-        let logs = lines[LOG_VARIANCE_BELOW][row] - lines[LOG_VARIANCE_ABOVE][row];
-        features[Weights::TEXTURE][row] = known * ln(ratio);
-        features[Weights::COLUMN_TEXTURE][row] = known * logs / weight;
+        let line = row + WIDE;
+        let strip = |from: usize| {
+            let sum = |k: usize| regions[k][(from + WIDE).min(LINES - 1)] - regions[k][from];
+            let count = sum(0);
+            let known = count / (count + 40.0);
+            let texture = known * (ln(sum(3) / count.max(1.0) + TEXTURE_MIN) - rim);
+            (texture, known * ln(variance(count, sum(1), sum(2)) + VARIANCE_MIN))
+        };
+        let ((above, spread_above), (below, spread_below)) = (strip(line - WIDE), strip(line));
+        features[Feature::RimTexture as usize][row] = above;
+        features[Feature::SoilTexture as usize][row] = below;
+        features[Feature::Spread as usize][row] = spread_below - spread_above;
+        let (na, ea) = (regions[0][line], regions[3][line]);
+        let (nb, eb) = (whole[0] - na, (whole[3] - ea).max(0.0));
+        let (la, lb) = (ln(ea / na.max(1.0) + TEXTURE_MIN), ln(eb / nb.max(1.0) + TEXTURE_MIN));
+        features[Feature::TextureLikelihood as usize][row] = all - (na * la + nb * lb) / whole[0].max(1.0);
+        features[Feature::TextureRatio as usize][row] = nb / (nb + 200.0) * (lb - la);
     }
 }
 
 /// All above against all below: Otsu's criterion, and two normal classes.
-fn region_features(lines: &Lines, whole: &Whole, features: &mut [[f32; ROWS]; FEATURES]) {
-    let share = 1.0 / whole.count;
-    let one = ln(whole.variance + VARIANCE_MIN);
+fn region_features(regions: &[[f32; LINES]; 4], whole: &[f32; 4], features: &mut Features) {
+    let share = 1.0 / whole[0].max(1.0);
+    let variance_whole = variance(whole[0], whole[1], whole[2]);
+    let (one, least) = (ln(variance_whole + VARIANCE_MIN), 1.0 / variance_whole.max(1e-5));
     for row in FIRST..ROWS {
-        let (na, sa, qa) = (lines[COUNT][row], lines[LOG][row], lines[SQUARE][row]);
-        let nb = whole.count - na;
-        let (va, vb) = (variance(na, sa, qa), variance(nb, whole.log - sa, whole.square - qa));
+        let [na, sa, qa] = [0, 1, 2].map(|k| regions[k][row + WIDE]);
+        let nb = whole[0] - na;
+        let (va, vb) = (variance(na, sa, qa), variance(nb, whole[1] - sa, whole[2] - qa));
         let (above, below) = (ln(va + VARIANCE_MIN), ln(vb + VARIANCE_MIN));
-        features[Weights::BETWEEN][row] = 1.0 - (na * va + nb * vb) * share / whole.variance.max(1e-5);
-        features[Weights::LIKELIHOOD][row] = one - (na * above + nb * below) * share;
-        features[Weights::ROUGHNESS][row] = nb / (nb + 200.0) * (below - above);
+        features[Feature::Between as usize][row] = 1.0 - (na * va + nb * vb) * share * least;
+        features[Feature::Likelihood as usize][row] = one - (na * above + nb * below) * share;
+        features[Feature::Roughness as usize][row] = nb / (nb + 200.0) * (below - above);
     }
 }
 
+/// Of each height: how much of the wheel's outer edge is seen just above it, just below it, and over all above and below.
+fn edge_features(ring: &Ring) -> [[f32; 4]; ROWS] {
+    let mut sums = [0.0; ROWS + 1];
+    for (row, step) in ring.iter().enumerate() {
+        sums[row + 1] = sums[row] + step;
+    }
+    let mean = |from: usize, to: usize| {
+        let (from, to) = (from.min(ROWS), to.min(ROWS));
+        // Few rows say little: a middling edge.
+        let share = (sums[to] - sums[from] + EDGE_ROWS * EDGE) / (to.saturating_sub(from) as f32 + EDGE_ROWS);
+        ln(share.max(0.0) + EDGE_MIN)
+    };
+    std::array::from_fn(|row| {
+        let (above, below) = (row.saturating_sub(EDGE_GAP), row + EDGE_GAP + 1);
+        [
+            mean(above.saturating_sub(WIDE), above),
+            mean(below, below + WIDE),
+            mean(FREE.min(above), above),
+            mean(below, ROWS),
+        ]
+    })
+}
+
 /// What is known of a line before the picture is seen.
-fn prior_features(tilt: f32, heights: &[f32; ROWS], features: &mut [[f32; ROWS]; FEATURES]) {
+fn prior_features(tilt: f32, heights: &[f32; ROWS], features: &mut Features) {
     for (row, height) in heights.iter().enumerate() {
-        features[Weights::TILT][row] = (tilt / 0.12).powi(2);
-        features[Weights::SHALLOW][row] = (height - 0.95).max(0.0);
-        features[Weights::DEEP][row] = (0.65 - height).max(0.0);
+        features[Feature::Tilt as usize][row] = (tilt / 0.12).powi(2);
+        features[Feature::Shallow as usize][row] = (height - 0.95).max(0.0);
+        features[Feature::Deep as usize][row] = (0.65 - height).max(0.0);
     }
 }
 

@@ -5,22 +5,28 @@
 //! at which the mean intensity changes the most. The default method goes on from there: it refines the wheel's centre,
 //! weighs the contrast along every line that the soil may make, and says how sure it is.
 
+pub mod annulus;
 pub mod cells;
 pub mod center;
 pub mod contrast;
+pub mod filter;
 pub mod interface;
 pub mod posterior;
 pub mod rim;
+pub mod ring;
 pub mod rows;
 pub mod weights;
 
-use cells::Cells;
+use annulus::Annulus;
+use cells::{Cells, Sums};
 use center::Shift;
 use contrast::Contrast;
+use filter::Filter;
 use interface::Interface;
 use messages::{Frame, Sinkage, Status};
 use posterior::Posterior;
 use rim::Rim;
+use ring::Ring;
 use rows::Side;
 use serde::Deserialize;
 use weights::Weights;
@@ -39,7 +45,10 @@ pub struct SinkageTracker {
     sides: [Side; 2],
     cells: Box<[Cells; 2]>,
     contrast: Box<Contrast>,
-    log: [f32; 256],
+    annulus: Annulus,
+    rings: [Ring; 2],
+    table: Box<[Sums; 256]>,
+    filter: Filter,
     weights: Weights,
 }
 
@@ -52,7 +61,10 @@ impl SinkageTracker {
             sides: [Side::EMPTY; 2],
             cells: Box::new([Cells::EMPTY; 2]),
             contrast: Contrast::new(),
-            log: cells::log_table(),
+            annulus: Annulus::new(),
+            rings: [[0.0; rows::ROWS]; 2],
+            table: Box::new(cells::log_table()),
+            filter: Filter::NEW,
             weights: Weights::fitted(),
         }
     }
@@ -82,11 +94,15 @@ impl SinkageTracker {
             Method::Contrast => {
                 let shift = Shift::find(image, width, frame);
                 let center = shift.and_then(|shift| rim::project(&frame.homography, shift.right, shift.down));
-                let rim = shift.map_or(rim.clone(), |shift| shift.applied(&rim));
-                let mut sides = self.strongest_contrast(image, width, &rim);
-                if shift.is_none() {
-                    // Without the rim's inner edge it may be no wheel at all.
-                    for interface in sides.iter_mut().flatten() {
+                let rest = self
+                    .annulus
+                    .follow(&rim, shift.unwrap_or(Shift::NONE), width, image.len() / width);
+                let mut sides = self.strongest_contrast(image, frame.header.taken_ns, &rim);
+                for interface in sides.iter_mut().flatten() {
+                    // From the prepared rim to this one.
+                    interface.cosine = (interface.cosine - rest.down) / (1.0 + rest.growth);
+                    if shift.is_none() {
+                        // Without the rim's inner edge it may be no wheel at all.
                         interface.confidence *= CONFIDENCE_MIN;
                     }
                 }
@@ -102,23 +118,21 @@ impl SinkageTracker {
             .map(|side| Interface::find(side).filter(|_| side.pixels() >= SHARE_MIN * rim.side_px))
     }
 
-    fn strongest_contrast(&mut self, image: &[u8], width: usize, rim: &Rim) -> [Option<Interface>; 2] {
-        cells::accumulate(image, width, rim, &self.log, &mut self.cells);
-        let posteriors = [0, 1].map(|side| {
+    fn strongest_contrast(&mut self, image: &[u8], taken_ns: u64, rim: &Rim) -> [Option<Interface>; 2] {
+        self.annulus
+            .measure(image, &self.table, &mut self.cells, &mut self.rings);
+        let mut sides = [0, 1].map(|side| {
             let cells = &self.cells[side];
             let visible = f64::from(cells.pixels()) >= SHARE_MIN * rim.side_px;
-            let contrast = visible && self.contrast.measure(cells) >= CONTRAST_MIN;
+            let contrast = visible && self.contrast.measure(cells, &self.rings[side]) >= CONTRAST_MIN;
             contrast.then(|| Posterior::new(&self.contrast, &self.weights))
         });
-        let posteriors = match posteriors {
-            [Some(left), Some(right)] => {
-                let mut sides = [left, right];
-                Posterior::couple(&mut sides);
-                sides.map(Some)
-            }
-            other => other,
-        };
-        posteriors.map(|side| side?.interface(&self.weights))
+        self.filter.expect(taken_ns, &mut sides);
+        if let [Some(left), Some(right)] = &mut sides {
+            Posterior::couple(left, right);
+        }
+        self.filter.observe(taken_ns, &sides);
+        sides.each_ref().map(|side| side.as_ref()?.interface(&self.weights))
     }
 
     fn sinkage(&self, frame: &Frame, found: Found) -> Sinkage {

@@ -1,16 +1,19 @@
 //! Where a side's interface is, as a probability over the height at which it meets the outer circle.
 
-use crate::contrast::{Contrast, TILTS};
+use crate::contrast::{Contrast, FIRST, Features, TILTS};
 use crate::interface::Interface;
 use crate::rows::ROWS;
-use crate::weights::Weights;
+use crate::weights::{FEATURES, Weights};
+use std::ops::Range;
 
 /// Bins of the height, from the wheel's centre to its lowest point.
 pub const BINS: usize = 320;
 /// Bins on either side of an answer that are the same answer: 0.0225 outer radii.
 const NEAR: usize = 7;
 /// Scores this far below the best have no probability.
-const SCORE_SPAN: f32 = 20.0;
+const SCORE_SPAN: f32 = 12.0;
+/// Rows whose scores are worked out together.
+const PART: usize = 16;
 
 /// Bins that the two sides are compared by.
 const GROUP: usize = 4;
@@ -31,16 +34,10 @@ impl Posterior {
     /// The softmax of the scores over all lines, summed up by the height at which they meet the circle.
     #[must_use]
     pub fn new(contrast: &Contrast, weights: &Weights) -> Self {
-        let mut mass = [0.0; BINS];
         let mut scores = [[f32::NEG_INFINITY; ROWS]; TILTS.len()];
         let mut best = f32::NEG_INFINITY;
         for (tilt, scores) in scores.iter_mut().enumerate() {
-            let mut sums = [0.0; ROWS];
-            for (feature, weight) in contrast.features[tilt].iter().zip(weights.features) {
-                for (sum, value) in sums.iter_mut().zip(feature) {
-                    *sum += weight * value;
-                }
-            }
+            let sums = weighted(&contrast.features[tilt], &weights.features, 0.0, FIRST..ROWS);
             for ((score, sum), known) in scores.iter_mut().zip(sums).zip(contrast.known[tilt]) {
                 if known {
                     *score = sum;
@@ -48,25 +45,40 @@ impl Posterior {
                 }
             }
         }
-        let mut total = 0.0;
+        for (scores, features) in scores.iter_mut().zip(&contrast.features) {
+            for (part, scores) in scores.chunks_exact_mut(PART).enumerate() {
+                if scores.iter().any(|score| *score > best - SCORE_SPAN) {
+                    refine(scores, features, part * PART, best - SCORE_SPAN, weights);
+                }
+            }
+        }
+        let best = scores.as_flattened().iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let mut mass = [0.0; BINS];
         for (score, height) in scores.as_flattened().iter().zip(contrast.heights.as_flattened()) {
             let below = score - best;
             if below > -SCORE_SPAN {
-                let probability = below.exp();
-                mass[((height * BINS as f32) as usize).min(BINS - 1)] += probability;
-                total += probability;
+                mass[((height * BINS as f32) as usize).min(BINS - 1)] += (weights.temper * below).exp();
             }
         }
+        let mut posterior = Self { mass };
+        posterior.normalize();
+        posterior
+    }
+
+    /// Makes the probabilities sum up to 1.
+    pub fn normalize(&mut self) {
+        let total: f32 = self.mass.iter().sum();
         if total > 0.0 {
-            for bin in &mut mass {
-                *bin /= total;
+            let scale = 1.0 / total;
+            for mass in &mut self.mass {
+                *mass *= scale;
             }
         }
-        Self { mass }
     }
 
     /// What either side says of the other: soil lies about level, so that its heights differ by [`LEVEL`].
-    pub fn couple(sides: &mut [Self; 2]) {
+    pub fn couple(left: &mut Self, right: &mut Self) {
+        let sides = [left, right];
         let coarse = sides.each_ref().map(|side| {
             let mut groups = [0.0; GROUPS];
             for (bin, mass) in side.mass.iter().enumerate() {
@@ -78,8 +90,7 @@ impl Posterior {
             let apart = (apart * GROUP) as f32 / BINS as f32 / LEVEL;
             (-(0.5 * apart * apart).min(LEVEL_COST_MAX)).exp()
         });
-        for (side, other) in sides.iter_mut().zip([coarse[1], coarse[0]]) {
-            let mut total = 0.0;
+        for (side, other) in sides.into_iter().zip([coarse[1], coarse[0]]) {
             for (group, masses) in side.mass.chunks_exact_mut(GROUP).enumerate() {
                 let message: f32 = other
                     .iter()
@@ -88,14 +99,9 @@ impl Posterior {
                     .sum();
                 for mass in masses {
                     *mass *= message;
-                    total += *mass;
                 }
             }
-            if total > 0.0 {
-                for mass in &mut side.mass {
-                    *mass /= total;
-                }
-            }
+            side.normalize();
         }
     }
 
@@ -133,5 +139,45 @@ impl Posterior {
             sigma: f64::from(weights.sigma).hypot(f64::from(variance).sqrt()),
             confidence: f64::from(confidence.min(1.0)),
         })
+    }
+}
+
+/// `start` plus the weighted sum of the features of some rows.
+fn weighted(features: &Features, weights: &[f32; FEATURES], start: f32, rows: Range<usize>) -> [f32; ROWS] {
+    let mut sums = [start; ROWS];
+    for (feature, weight) in features.iter().zip(weights) {
+        for (sum, value) in sums[rows.clone()].iter_mut().zip(&feature[rows.clone()]) {
+            *sum += weight * value;
+        }
+    }
+    sums
+}
+
+/// Adds the hidden layer to the scores of some rows; those at or below `floor` are no candidates.
+fn refine(scores: &mut [f32], features: &Features, first: usize, floor: f32, weights: &Weights) {
+    let mut parts = [[0.0; PART]; FEATURES];
+    for (part, feature) in parts.iter_mut().zip(features) {
+        if let Some(values) = feature.get(first..first + PART) {
+            part.copy_from_slice(values);
+        }
+    }
+    let mut sums = [0.0; PART];
+    for unit in &weights.units {
+        let mut inputs = [unit.bias; PART];
+        for (part, weight) in parts.iter().zip(unit.weights) {
+            for (input, value) in inputs.iter_mut().zip(part) {
+                *input += weight * value;
+            }
+        }
+        for (sum, input) in sums.iter_mut().zip(inputs) {
+            *sum += unit.out * input.max(0.0);
+        }
+    }
+    for (score, sum) in scores.iter_mut().zip(sums) {
+        *score = if *score > floor {
+            *score + sum
+        } else {
+            f32::NEG_INFINITY
+        };
     }
 }

@@ -3,11 +3,11 @@
 #![allow(clippy::unwrap_used)]
 
 use messages::{Frame, Header, Message, Sinkage, Status};
-use sinkage::cells::{COLUMNS, Cells, accumulate as accumulate_cells, log_table};
+use sinkage::cells::{COLUMNS, Cells, Lookup, log_table};
 use sinkage::center::Shift;
 use sinkage::rim::Rim;
 use sinkage::rows::{ROWS, Side, accumulate};
-use sinkage::weights::Weights;
+use sinkage::weights::{NAMES, Weights};
 use sinkage::{Config, Method, Rolls, SinkageTracker};
 use std::path::{Path, PathBuf};
 use zerocopy::FromZeros;
@@ -31,6 +31,7 @@ fn load(clip: &Path, row: &[String]) -> Box<Frame> {
     let picture = image::open(clip.join(&row[0])).unwrap().into_luma8();
     let numbers: Vec<f64> = row[1..].iter().map(|cell| cell.parse().unwrap()).collect();
     let mut frame = Frame::new_box_zeroed().unwrap();
+    frame.header.taken_ns = 1_000_000_000 + (1e9 * numbers[0]) as u64;
     (frame.width, frame.height) = picture.dimensions();
     frame.pixels[..picture.len()].copy_from_slice(&picture);
     (frame.center_x_px, frame.center_y_px) = (numbers[1], numbers[2]);
@@ -306,7 +307,7 @@ fn a_wrong_centre_and_radius_are_refined_on_the_inner_edge() {
 
 #[test]
 fn cells_agree_with_the_slow_obvious_ones() {
-    let log = log_table();
+    let table = log_table();
     for frame in [draw(face_on(), POSE, 0.4, 0.7), draw(perspective(), POSE, 0.4, 0.7)] {
         let rim = Rim::locate(&frame, 640, 480).unwrap();
         let mut slow = [Cells::EMPTY; 2];
@@ -315,13 +316,27 @@ fn cells_agree_with_the_slow_obvious_ones() {
             if z >= 0.0 && (rim.inner..rim.outer).contains(&x.hypot(z)) {
                 let column = (x.abs() * COLUMNS as f64) as usize;
                 let cell = &mut slow[usize::from(x >= 0.0)].cells[column][(z * ROWS as f64) as usize];
+                // Texture is the step from two pixels to the left, or to the right where no rim is on the left.
+                let inside = |index: usize| {
+                    let (x, z) = plane_point(&frame.homography, (index % 640) as f64, (index / 640) as f64);
+                    z >= 0.0 && (rim.inner..rim.outer).contains(&x.hypot(z))
+                };
+                let other = if inside(index - 1) && inside(index - 2) {
+                    index - 2
+                } else {
+                    index + 2
+                };
+                let texture = |gray: u8| (f32::from(gray) + 16.0).ln();
                 cell[0] += 1.0;
-                cell[1] += log[usize::from(*gray)];
-                cell[2] += log[usize::from(*gray)].powi(2);
+                cell[1] += table[usize::from(*gray)][1];
+                cell[2] += table[usize::from(*gray)][1].powi(2);
+                cell[3] += (texture(*gray) - texture(frame.image()[other])).powi(2);
             }
         }
         let mut cells = [Cells::EMPTY; 2];
-        accumulate_cells(frame.image(), 640, &rim, &log, &mut cells);
+        let mut lookup = Lookup::new();
+        lookup.prepare(&rim, 640);
+        lookup.accumulate(frame.image(), &table, &mut cells);
         let total: f32 = slow.iter().map(Cells::pixels).sum();
         let pairs = cells.iter().zip(&slow);
         // Single precision may put a pixel on a border into the neighbouring cell.
@@ -330,18 +345,52 @@ fn cells_agree_with_the_slow_obvious_ones() {
             .map(|(a, b)| (a[0] - b[0]).abs())
             .sum();
         assert!(moved < 0.002 * total, "{moved} of {total} pixels");
+        for sum in 1..4 {
+            let all = |sides: &[Cells; 2]| {
+                sides
+                    .iter()
+                    .flat_map(|side| side.cells.as_flattened())
+                    .map(|cell| f64::from(cell[sum]))
+                    .sum::<f64>()
+            };
+            assert!(
+                (all(&cells) / all(&slow) - 1.0).abs() < 1e-3,
+                "{sum}: {} {}",
+                all(&cells),
+                all(&slow)
+            );
+        }
     }
 }
 
 #[test]
 fn the_weights_file_names_every_feature() {
     let text = include_str!("../src/weights.txt");
-    for name in Weights::NAMES.into_iter().chain(["bias", "sigma"]) {
+    for name in NAMES
+        .into_iter()
+        .chain(["units_out", "units_bias", "bias", "sigma", "temper"])
+    {
         let lines = text.lines().filter(|line| line.split(' ').next() == Some(name));
         assert_eq!(lines.count(), 1, "{name}");
     }
-    assert!(Weights::fitted().features.iter().all(|weight| *weight != 0.0));
-    assert_eq!(Weights::parse("contrast 2\nbias none\n").features[0], 2.0);
+    let fitted = Weights::fitted();
+    assert!(fitted.features.iter().all(|weight| *weight != 0.0));
+    assert!(
+        fitted
+            .units
+            .iter()
+            .all(|unit| unit.weights.iter().all(|weight| *weight != 0.0))
+    );
+    let parsed = Weights::parse("contrast 2 3\nbias none\nunits_out 4 5\n");
+    assert_eq!(
+        (
+            parsed.features[0],
+            parsed.units[0].weights[0],
+            parsed.units[1].out,
+            parsed.bias
+        ),
+        (2.0, 3.0, 5.0, 0.0)
+    );
 }
 
 fn status_of(frame: &Frame) -> Status {

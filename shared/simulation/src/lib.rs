@@ -3,6 +3,7 @@
 //! Whoever asks for the same instant gets the same answer: `camera` and `telemetry` need not talk to each other, and a
 //! service that starts again sees the world go on.
 
+pub mod conditions;
 mod forward;
 mod noise;
 mod picture;
