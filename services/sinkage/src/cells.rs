@@ -6,7 +6,7 @@ use messages::PIXELS_MAX;
 use std::ops::Range;
 
 /// Columns from the middle of the wheel to its outermost point.
-pub const COLUMNS: usize = 20;
+pub const COLUMNS: usize = 16;
 /// Gray values below which the sensor's noise hides ratios.
 const DARK: f32 = 4.0;
 /// The same for the ratio of single pixels.

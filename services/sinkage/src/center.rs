@@ -12,7 +12,7 @@ const SAMPLE_PX: f64 = 0.5;
 /// Cosine of the angle from straight down below which soil seldom hides the inner edge.
 const COSINE_MAX: f64 = 0.72;
 /// Gray values between the rim and its inside, below which a ray says nothing.
-const STEP_MIN: f64 = 10.0;
+const STEP_MIN: f32 = 10.0;
 /// Rays that make a circle, by their weights.
 const RAYS_MIN: f64 = 32.0;
 const ITERATIONS: usize = 10;
@@ -47,10 +47,13 @@ impl Shift {
     pub fn find(image: &[u8], width: usize, frame: &Frame) -> Option<Self> {
         let step = SAMPLE_PX / frame.wheel_radius_px;
         let ratio = frame.rim_radius_px / frame.wheel_radius_px;
+        let (turn_sin, turn_cos) = (std::f64::consts::TAU / RAYS as f64).sin_cos();
+        // Half a turn from straight down, each ray from the one before.
+        let (mut sin, mut cos) = (0.0, -1.0);
         let mut edges = [(0.0, 0.0, 0.0); RAYS];
         let mut count = 0;
-        for k in 0..RAYS {
-            let (sin, cos) = ((k as f64 + 0.5) / RAYS as f64 * std::f64::consts::TAU).sin_cos();
+        for _ in 0..RAYS {
+            (sin, cos) = (sin * turn_cos + cos * turn_sin, cos * turn_cos - sin * turn_sin);
             if cos <= COSINE_MAX
                 && let Some(place) = edge(image, width, &frame.homography, (sin, cos), ratio, step)
             {
@@ -95,14 +98,18 @@ fn edge(
     ratio: f64,
     step: f64,
 ) -> Option<f64> {
-    let mut profile = [0.0; SAMPLES];
+    let mut profile = [0.0_f32; SAMPLES];
+    // Over these few pixels the ray is seen evenly.
+    let reach = (SAMPLES / 2) as f64 * step;
+    let from = project(homography, (ratio - reach) * sin, (ratio - reach) * cos)?;
+    let to = project(homography, (ratio + reach) * sin, (ratio + reach) * cos)?;
+    let share = 1.0 / (SAMPLES - 1) as f64;
+    let (right, down) = ((to.0 - from.0) * share, (to.1 - from.1) * share);
     for (j, gray) in profile.iter_mut().enumerate() {
-        let radius = ratio + (j as f64 - (SAMPLES / 2) as f64) * step;
-        let (column, row) = project(homography, radius * sin, radius * cos)?;
-        *gray = bilinear(image, width, column, row)?;
+        *gray = bilinear(image, width, from.0 + j as f64 * right, from.1 + j as f64 * down)?;
     }
     // Three samples against three: the mean rise over 2 px.
-    let rise = |j: usize| profile[j + 1..=j + 3].iter().sum::<f64>() - profile[j - 3..j].iter().sum::<f64>();
+    let rise = |j: usize| profile[j + 1..=j + 3].iter().sum::<f32>() - profile[j - 3..j].iter().sum::<f32>();
     let (mut best, mut most) = (0, 3.0 * STEP_MIN);
     for j in 3..SAMPLES - 3 {
         if rise(j) > most {
@@ -114,24 +121,25 @@ fn edge(
     }
     let (before, after) = (rise(best - 1), rise(best + 1));
     let between = 0.5 * (before - after) / (before - 2.0 * most + after);
-    let between = if between.abs() <= 0.5 { between } else { 0.0 };
+    let between = if between.abs() <= 0.5 { f64::from(between) } else { 0.0 };
     Some((best as f64 + between - (SAMPLES / 2) as f64) * step)
 }
 
-fn bilinear(image: &[u8], width: usize, column: f64, row: f64) -> Option<f64> {
+fn bilinear(image: &[u8], width: usize, column: f64, row: f64) -> Option<f32> {
     if !(column >= 0.0 && row >= 0.0 && column + 1.0 < width as f64) {
         return None;
     }
-    let first = (row as usize).checked_mul(width)?.checked_add(column as usize)?;
-    let (u, v) = (column.fract(), row.fract());
+    let (i, j) = (column as usize, row as usize);
+    let (u, v) = ((column - i as f64) as f32, (row - j as f64) as f32);
+    let first = j.checked_mul(width)?.checked_add(i)?;
     let [a, b] = *image.get(first..first + 2)? else {
         return None;
     };
     let [c, d] = *image.get(first + width..first + width + 2)? else {
         return None;
     };
-    let above = f64::from(a) + u * (f64::from(b) - f64::from(a));
-    let below = f64::from(c) + u * (f64::from(d) - f64::from(c));
+    let [a, b, c, d] = [a, b, c, d].map(f32::from);
+    let (above, below) = (a + u * (b - a), c + u * (d - c));
     Some(above + v * (below - above))
 }
 

@@ -4,9 +4,10 @@ use crate::cells::{COLUMNS, Cells};
 use crate::ring::Ring;
 use crate::rows::ROWS;
 use crate::weights::{FEATURES, Feature};
+use std::ops::Range;
 
 /// Slopes of the lines: rows of height per distance outwards.
-pub const TILTS: [f32; 11] = [-0.30, -0.22, -0.15, -0.095, -0.045, 0.0, 0.045, 0.095, 0.15, 0.22, 0.30];
+pub const TILTS: [f32; 9] = [-0.30, -0.20, -0.12, -0.055, 0.0, 0.055, 0.12, 0.20, 0.30];
 /// Distance from the middle at which all lines of a row meet, in outer radii.
 const PIVOT: f32 = 0.45;
 /// Rows above and below a line that are compared: of the narrow, the middle and the wide window.
@@ -41,6 +42,8 @@ const EDGE_ROWS: f32 = 1.0;
 const EDGE_MIN: f32 = 0.02;
 /// Rows from which on a line can meet the circle within [`HEIGHTS`].
 pub const FIRST: usize = 16;
+/// Rows from there on.
+const PART: usize = ROWS - FIRST;
 /// Rows above a line that still belong to it.
 const SAME: usize = 10;
 
@@ -68,12 +71,15 @@ pub struct Contrast {
     pub known: [[bool; ROWS]; TILTS.len()],
     /// Height at which each line meets the outer circle; NaN where it does not.
     pub heights: [[f32; ROWS]; TILTS.len()],
+    /// The rows of each tilt whose lines meet it within [`HEIGHTS`].
+    pub rows: [Range<usize>; TILTS.len()],
 }
 
 impl Contrast {
     /// Prepares the work space.
     #[must_use]
     pub fn new() -> Box<Self> {
+        let heights = TILTS.map(|tilt| std::array::from_fn(|row| meets_circle(row, tilt)));
         Box::new(Self {
             above: [[[0.0; EDGES]; COLUMNS]; 4],
             columns: [[[0.0; EDGES]; COLUMNS]; TERMS],
@@ -82,11 +88,17 @@ impl Contrast {
             regions: [[0.0; LINES]; 4],
             features: [[[0.0; ROWS]; FEATURES]; TILTS.len()],
             known: [[false; ROWS]; TILTS.len()],
-            heights: TILTS.map(|tilt| std::array::from_fn(|row| meets_circle(row, tilt))),
+            rows: heights.each_ref().map(|heights: &[f32; ROWS]| {
+                let within = |row: &usize| heights[*row] > HEIGHTS.0 && heights[*row] < HEIGHTS.1;
+                let first = (0..ROWS).find(within).unwrap_or(0);
+                first..(first..ROWS).rfind(within).map_or(first, |last| last + 1)
+            }),
+            heights,
         })
     }
 
     /// Fills the features of every line. The largest step of the middle window, as a log ratio, is the side's contrast.
+    #[inline(always)]
     pub fn measure(&mut self, cells: &Cells, ring: &Ring) -> f32 {
         self.sum_above(cells);
         for column in 0..COLUMNS {
@@ -99,10 +111,10 @@ impl Contrast {
         let edges = edge_features(ring);
         for (tilt, slope) in TILTS.into_iter().enumerate() {
             self.sum_columns(slope);
-            for row in FIRST..ROWS {
-                let height = self.heights[tilt][row];
-                self.known[tilt][row] =
-                    height > HEIGHTS.0 && height < HEIGHTS.1 && self.lines[0][row + WIDE] >= LINE_MIN;
+            let rows = self.rows[tilt].clone();
+            self.known[tilt] = [false; ROWS];
+            for row in rows.clone() {
+                self.known[tilt][row] = self.lines[0][row + WIDE] >= LINE_MIN;
             }
             let features = &mut self.features[tilt];
             for k in 0..WINDOWS.len() {
@@ -110,10 +122,10 @@ impl Contrast {
             }
             texture_features(&self.regions, &whole, free, features);
             region_features(&self.regions, &whole, features);
-            prior_features(slope, &self.heights[tilt], features);
-            for row in FIRST..ROWS {
-                // NaN is 0, and no line.
-                let edge = edges[((self.heights[tilt][row] * ROWS as f32) as usize).min(ROWS - 1)];
+            let heights = &self.heights[tilt];
+            prior_features(slope, heights, features);
+            for row in rows {
+                let edge = edges[((heights[row] * ROWS as f32) as usize).min(ROWS - 1)];
                 for (k, value) in edge.into_iter().enumerate() {
                     features[Feature::EdgeAbove as usize + k][row] = value;
                 }
@@ -122,28 +134,33 @@ impl Contrast {
         self.relate()
     }
 
+    #[inline(always)]
     fn sum_above(&mut self, cells: &Cells) {
         for (column, rows) in cells.cells.iter().enumerate() {
-            let (mut first, mut last) = (EDGES, 0);
+            let first = rows.iter().position(|cell| cell[0] > 0.0).unwrap_or(ROWS);
+            let last = rows
+                .iter()
+                .rposition(|cell| cell[0] > 0.0)
+                .map_or(first, |last| last + 1);
             let mut sums = [0.0; 4];
-            for (row, cell) in rows.iter().enumerate() {
-                if cell[0] > 0.0 {
-                    first = first.min(row + MARGIN);
-                    last = row + MARGIN + 1;
-                }
+            for above in &mut self.above {
+                above[column][..=first + MARGIN].fill(0.0);
+            }
+            for (cell, edge) in rows[first..last].iter().zip(first + MARGIN + 1..) {
                 for ((sum, value), above) in sums.iter_mut().zip(cell).zip(&mut self.above) {
                     *sum += value;
-                    above[column][row + MARGIN + 1] = *sum;
+                    above[column][edge] = *sum;
                 }
             }
             for (sum, above) in sums.iter().zip(&mut self.above) {
-                above[column][ROWS + MARGIN + 1..].fill(*sum);
+                above[column][last + MARGIN + 1..].fill(*sum);
             }
-            self.bands[column] = (first.min(last), last);
+            self.bands[column] = (first + MARGIN, last + MARGIN);
         }
     }
 
     /// Per edge of a column: the step of the mean, weighted by the pixels it rests on, and its square.
+    #[inline(always)]
     fn compare(&mut self, column: usize, window: usize, term: usize) {
         let (first, last) = self.bands[column];
         let size = last - first;
@@ -172,6 +189,7 @@ impl Contrast {
     }
 
     /// Sums over the columns along the lines of one tilt.
+    #[inline(always)]
     fn sum_columns(&mut self, tilt: f32) {
         self.lines = [[0.0; LINES]; TERMS];
         self.regions = [[0.0; LINES]; 4];
@@ -202,6 +220,7 @@ impl Contrast {
     }
 
     /// Sums over the whole side.
+    #[inline(always)]
     fn whole(&self) -> [f32; 4] {
         self.above
             .each_ref()
@@ -209,21 +228,26 @@ impl Contrast {
     }
 
     /// Texture of the rim where no soil is.
+    #[inline(always)]
     fn free(&self) -> f32 {
         let sum = |k: usize| self.above[k].iter().map(|column| column[FREE + MARGIN]).sum::<f32>();
         sum(3) / sum(0).max(1.0)
     }
 
     /// What a line's features are among those of the other lines.
+    #[inline(always)]
     fn relate(&mut self) -> f32 {
         let mut largest = [1e-3_f32; WINDOWS.len()];
         let mut best = [0.0_f32; ROWS];
-        for (features, known) in self.features.iter().zip(&self.known) {
-            for row in (FIRST..ROWS).filter(|row| known[*row]) {
-                for (k, largest) in largest.iter_mut().enumerate() {
-                    *largest = largest.max(features[2 * k + 1][row]);
+        for ((features, known), rows) in self.features.iter().zip(&self.known).zip(&self.rows) {
+            for (k, largest) in largest.iter_mut().enumerate() {
+                for (share, known) in features[2 * k + 1][rows.clone()].iter().zip(&known[rows.clone()]) {
+                    *largest = largest.max(if *known { *share } else { 0.0 });
                 }
-                best[row] = best[row].max(features[Feature::MiddleContrast as usize][row]);
+            }
+            let scores = &features[Feature::MiddleContrast as usize];
+            for ((best, score), known) in best.iter_mut().zip(scores).zip(known) {
+                *best = best.max(if *known { *score } else { 0.0 });
             }
         }
         let (mut above, mut below) = ([0.0_f32; ROWS], [0.0_f32; ROWS]);
@@ -247,6 +271,7 @@ impl Contrast {
     }
 }
 
+#[inline(always)]
 fn variance(count: f32, log: f32, square: f32) -> f32 {
     let share = 1.0 / count.max(1.0);
     let mean = log * share;
@@ -254,68 +279,98 @@ fn variance(count: f32, log: f32, square: f32) -> f32 {
 }
 
 /// A t-like score: the mean step against its spread over the columns and the pixels' noise; and the step itself.
+#[inline(always)]
 fn window_features(lines: &[[f32; LINES]], regions: &[[f32; LINES]; 4], k: usize, features: &mut Features) {
     let window = WINDOWS[k];
-    for row in FIRST..ROWS {
-        let line = row + WIDE;
-        let [above, below] = [line - window, line].map(|from| {
-            let sum = |k: usize| regions[k][from + window.min(LINES - 1 - from)] - regions[k][from];
-            let count = sum(0);
-            variance(count, sum(1), sum(2)) / count.max(1.0)
-        });
-        let weight = lines[0][line];
-        let share = 1.0 / weight.max(1e-3);
-        let step = lines[1][line] * share;
-        let spread = (lines[2][line] * share - step * step).max(0.0);
-        let noise = CORRELATION * (above + below);
-        let known = weight / (weight + 15.0);
-        features[2 * k][row] = known * ln(1.0 + step * step / (0.001 + 0.3 * spread + noise));
-        features[2 * k + 1][row] = known * step.abs();
+    let [weights, steps, squares] = [0, 1, 2].map(|term| part(&lines[term], 0));
+    let sums = |edge: isize| [0, 1, 2].map(|sum| part(&regions[sum], edge));
+    let (from, here, to) = (sums(-(window as isize)), sums(0), sums(window as isize));
+    let [contrast, share] = &mut features[2 * k..2 * k + 2] else {
+        return;
+    };
+    let (contrast, shares) = (&mut contrast[FIRST..], &mut share[FIRST..]);
+    for row in 0..PART {
+        let na = here[0][row] - from[0][row];
+        let nb = to[0][row] - here[0][row];
+        let above = variance(na, here[1][row] - from[1][row], here[2][row] - from[2][row]);
+        let below = variance(nb, to[1][row] - here[1][row], to[2][row] - here[2][row]);
+        let noise = CORRELATION * (above / na.max(1.0) + below / nb.max(1.0));
+        let share = 1.0 / weights[row].max(1e-3);
+        let step = steps[row] * share;
+        let spread = (squares[row] * share - step * step).max(0.0);
+        let known = weights[row] / (weights[row] + 15.0);
+        contrast[row] = known * ln(1.0 + step * step / (0.001 + 0.3 * spread + noise));
+        shares[row] = known * step.abs();
     }
 }
 
 /// Soil is rougher than a rim: texture and variance next to the line, and texture of all above and all below.
+#[inline(always)]
 fn texture_features(regions: &[[f32; LINES]; 4], whole: &[f32; 4], free: f32, features: &mut Features) {
     let rim = ln(free + TEXTURE_MIN);
     let all = ln(whole[3] / whole[0].max(1.0) + TEXTURE_MIN);
-    for row in FIRST..ROWS {
-        let line = row + WIDE;
-        let strip = |from: usize| {
-            let sum = |k: usize| regions[k][(from + WIDE).min(LINES - 1)] - regions[k][from];
-            let count = sum(0);
-            let known = count / (count + 40.0);
-            let texture = known * (ln(sum(3) / count.max(1.0) + TEXTURE_MIN) - rim);
-            (texture, known * ln(variance(count, sum(1), sum(2)) + VARIANCE_MIN))
-        };
-        let ((above, spread_above), (below, spread_below)) = (strip(line - WIDE), strip(line));
-        features[Feature::RimTexture as usize][row] = above;
-        features[Feature::SoilTexture as usize][row] = below;
-        features[Feature::Spread as usize][row] = spread_below - spread_above;
-        let (na, ea) = (regions[0][line], regions[3][line]);
+    let sums = |edge: isize| regions.each_ref().map(|sums| part(sums, edge));
+    let (from, here, to) = (sums(-(WIDE as isize)), sums(0), sums(WIDE as isize));
+    let strip = |from: [&[f32; PART]; 4], to: [&[f32; PART]; 4], row: usize| {
+        let count = to[0][row] - from[0][row];
+        let known = count / (count + 40.0);
+        let texture = (to[3][row] - from[3][row]).max(0.0) / count.max(1.0);
+        let spread = variance(count, to[1][row] - from[1][row], to[2][row] - from[2][row]);
+        (
+            known * (ln(texture + TEXTURE_MIN) - rim),
+            known * ln(spread + VARIANCE_MIN),
+        )
+    };
+    let share = 1.0 / whole[0].max(1.0);
+    let mut found = [[0.0; PART]; 5];
+    for row in 0..PART {
+        let ((above, spread_above), (below, spread_below)) = (strip(from, here, row), strip(here, to, row));
+        let (na, ea) = (here[0][row], here[3][row]);
         let (nb, eb) = (whole[0] - na, (whole[3] - ea).max(0.0));
         let (la, lb) = (ln(ea / na.max(1.0) + TEXTURE_MIN), ln(eb / nb.max(1.0) + TEXTURE_MIN));
-        features[Feature::TextureLikelihood as usize][row] = all - (na * la + nb * lb) / whole[0].max(1.0);
-        features[Feature::TextureRatio as usize][row] = nb / (nb + 200.0) * (lb - la);
+        found[0][row] = above;
+        found[1][row] = below;
+        found[2][row] = spread_below - spread_above;
+        found[3][row] = all - (na * la + nb * lb) * share;
+        found[4][row] = nb / (nb + 200.0) * (lb - la);
+    }
+    for (feature, found) in features[Feature::RimTexture as usize..].iter_mut().zip(&found) {
+        feature[FIRST..].copy_from_slice(found);
     }
 }
 
 /// All above against all below: Otsu's criterion, and two normal classes.
+#[inline(always)]
 fn region_features(regions: &[[f32; LINES]; 4], whole: &[f32; 4], features: &mut Features) {
     let share = 1.0 / whole[0].max(1.0);
     let variance_whole = variance(whole[0], whole[1], whole[2]);
     let (one, least) = (ln(variance_whole + VARIANCE_MIN), 1.0 / variance_whole.max(1e-5));
-    for row in FIRST..ROWS {
-        let [na, sa, qa] = [0, 1, 2].map(|k| regions[k][row + WIDE]);
+    let [counts, logs, squares] = [0, 1, 2].map(|sum| part(&regions[sum], 0));
+    let mut found = [[0.0; PART]; 3];
+    for row in 0..PART {
+        let (na, sa, qa) = (counts[row], logs[row], squares[row]);
         let nb = whole[0] - na;
         let (va, vb) = (variance(na, sa, qa), variance(nb, whole[1] - sa, whole[2] - qa));
         let (above, below) = (ln(va + VARIANCE_MIN), ln(vb + VARIANCE_MIN));
-        features[Feature::Between as usize][row] = 1.0 - (na * va + nb * vb) * share * least;
-        features[Feature::Likelihood as usize][row] = one - (na * above + nb * below) * share;
-        features[Feature::Roughness as usize][row] = nb / (nb + 200.0) * (below - above);
+        found[0][row] = 1.0 - (na * va + nb * vb) * share * least;
+        found[1][row] = one - (na * above + nb * below) * share;
+        found[2][row] = nb / (nb + 200.0) * (below - above);
+    }
+    for (feature, found) in features[Feature::Between as usize..].iter_mut().zip(&found) {
+        feature[FIRST..].copy_from_slice(found);
     }
 }
 
+/// The lines of the rows from [`FIRST`] on, or those so many rows further down.
+#[inline(always)]
+fn part(line: &[f32; LINES], further: isize) -> &[f32; PART] {
+    // Always there: no window is wider than the lines beyond the first and last row.
+    let start = (FIRST + WIDE).saturating_add_signed(further);
+    line[start..].first_chunk().unwrap_or(const { &[0.0; PART] })
+}
+
 /// Of each height: how much of the wheel's outer edge is seen just above it, just below it, and over all above and below.
+#[inline(always)]
 fn edge_features(ring: &Ring) -> [[f32; 4]; ROWS] {
     let mut sums = [0.0; ROWS + 1];
     for (row, step) in ring.iter().enumerate() {
@@ -339,14 +394,17 @@ fn edge_features(ring: &Ring) -> [[f32; 4]; ROWS] {
 }
 
 /// What is known of a line before the picture is seen.
+#[inline(always)]
 fn prior_features(tilt: f32, heights: &[f32; ROWS], features: &mut Features) {
-    for (row, height) in heights.iter().enumerate() {
+    for row in FIRST..ROWS {
+        let height = heights[row];
         features[Feature::Tilt as usize][row] = (tilt / 0.12).powi(2);
         features[Feature::Shallow as usize][row] = (height - 0.95).max(0.0);
         features[Feature::Deep as usize][row] = (0.65 - height).max(0.0);
     }
 }
 
+#[inline(always)]
 fn add(sums: &mut [f32], terms: &[f32]) {
     for (sum, term) in sums.iter_mut().zip(terms) {
         *sum += term;
@@ -363,6 +421,7 @@ fn meets_circle(row: usize, tilt: f32) -> f32 {
 }
 
 /// The natural logarithm of a positive normal number to 1e-4, in a form that a compiler can vectorise.
+#[inline(always)]
 fn ln(value: f32) -> f32 {
     let bits = value.to_bits();
     let exponent = (bits >> 23) as f32 - 127.0;

@@ -49,6 +49,7 @@ pub struct SinkageTracker {
     rings: [Ring; 2],
     table: Box<[Sums; 256]>,
     filter: Filter,
+    processor: pulp::Arch,
     weights: Weights,
 }
 
@@ -65,6 +66,7 @@ impl SinkageTracker {
             rings: [[0.0; rows::ROWS]; 2],
             table: Box::new(cells::log_table()),
             filter: Filter::NEW,
+            processor: pulp::Arch::new(),
             weights: Weights::fitted(),
         }
     }
@@ -124,8 +126,13 @@ impl SinkageTracker {
         let mut sides = [0, 1].map(|side| {
             let cells = &self.cells[side];
             let visible = f64::from(cells.pixels()) >= SHARE_MIN * rim.side_px;
-            let contrast = visible && self.contrast.measure(cells, &self.rings[side]) >= CONTRAST_MIN;
-            contrast.then(|| Posterior::new(&self.contrast, &self.weights))
+            let measured = self.processor.dispatch(Measurement {
+                contrast: &mut self.contrast,
+                cells,
+                ring: &self.rings[side],
+                weights: &self.weights,
+            });
+            (visible && measured.0 >= CONTRAST_MIN).then_some(measured.1)
         });
         self.filter.expect(taken_ns, &mut sides);
         if let [Some(left), Some(right)] = &mut sides {
@@ -161,6 +168,24 @@ impl SinkageTracker {
             sinkage.confidence = exit.map_or(entry.confidence, |exit| entry.confidence.min(exit.confidence));
         }
         sinkage
+    }
+}
+
+/// The loops of one side, compiled for several generations of processors.
+struct Measurement<'a> {
+    contrast: &'a mut Contrast,
+    cells: &'a Cells,
+    ring: &'a Ring,
+    weights: &'a Weights,
+}
+
+impl pulp::WithSimd for Measurement<'_> {
+    type Output = (f32, Posterior);
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Self::Output {
+        let largest = self.contrast.measure(self.cells, self.ring);
+        (largest, Posterior::new(self.contrast, self.weights))
     }
 }
 

@@ -1,6 +1,6 @@
 //! Where a side's interface is, as a probability over the height at which it meets the outer circle.
 
-use crate::contrast::{Contrast, FIRST, Features, TILTS};
+use crate::contrast::{Contrast, Features, TILTS};
 use crate::interface::Interface;
 use crate::rows::ROWS;
 use crate::weights::{FEATURES, Weights};
@@ -33,11 +33,17 @@ pub struct Posterior {
 impl Posterior {
     /// The softmax of the scores over all lines, summed up by the height at which they meet the circle.
     #[must_use]
+    #[inline(always)]
     pub fn new(contrast: &Contrast, weights: &Weights) -> Self {
         let mut scores = [[f32::NEG_INFINITY; ROWS]; TILTS.len()];
         let mut best = f32::NEG_INFINITY;
         for (tilt, scores) in scores.iter_mut().enumerate() {
-            let sums = weighted(&contrast.features[tilt], &weights.features, 0.0, FIRST..ROWS);
+            let sums = weighted(
+                &contrast.features[tilt],
+                &weights.features,
+                0.0,
+                contrast.rows[tilt].clone(),
+            );
             for ((score, sum), known) in scores.iter_mut().zip(sums).zip(contrast.known[tilt]) {
                 if known {
                     *score = sum;
@@ -63,6 +69,15 @@ impl Posterior {
         let mut posterior = Self { mass };
         posterior.normalize();
         posterior
+    }
+
+    /// Probability of about this height.
+    #[must_use]
+    pub fn near(&self, height: f32) -> f32 {
+        let middle = ((height * BINS as f32) as usize).min(BINS - 1);
+        self.mass[middle.saturating_sub(NEAR)..(middle + NEAR + 1).min(BINS)]
+            .iter()
+            .sum()
     }
 
     /// Makes the probabilities sum up to 1.
@@ -143,6 +158,7 @@ impl Posterior {
 }
 
 /// `start` plus the weighted sum of the features of some rows.
+#[inline(always)]
 fn weighted(features: &Features, weights: &[f32; FEATURES], start: f32, rows: Range<usize>) -> [f32; ROWS] {
     let mut sums = [start; ROWS];
     for (feature, weight) in features.iter().zip(weights) {
@@ -154,6 +170,7 @@ fn weighted(features: &Features, weights: &[f32; FEATURES], start: f32, rows: Ra
 }
 
 /// Adds the hidden layer to the scores of some rows; those at or below `floor` are no candidates.
+#[inline(always)]
 fn refine(scores: &mut [f32], features: &Features, first: usize, floor: f32, weights: &Weights) {
     let mut parts = [[0.0; PART]; FEATURES];
     for (part, feature) in parts.iter_mut().zip(features) {

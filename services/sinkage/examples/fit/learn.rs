@@ -1,6 +1,7 @@
 //! Conditional logit over lines, then a small hidden layer over the lines that it leaves: both by Adam.
 
 use sinkage::contrast::{Contrast, FIRST};
+use sinkage::posterior::{BINS, Posterior};
 use sinkage::rows::ROWS;
 use sinkage::weights::{FEATURES, UNITS, Unit, Weights};
 
@@ -13,25 +14,26 @@ const HOPELESS: f32 = 1e-3;
 
 /// One side of one frame.
 pub struct Side {
-    pub condition: usize,
     /// Cosine of the true angle.
     pub truth: f32,
+    /// Features of each line.
     pub lines: Vec<[f32; FEATURES]>,
+    /// Height at which each line meets the outer circle.
     pub heights: Vec<f32>,
 }
 
 impl Side {
     /// All lines that `contrast` has measured.
-    pub fn of(contrast: &Contrast, condition: usize, truth: f32) -> Self {
+    pub fn of(contrast: &Contrast, truth: f32) -> Self {
         let mut side = Self {
-            condition,
             truth,
             lines: Vec::new(),
             heights: Vec::new(),
         };
         for (tilt, known) in contrast.known.iter().enumerate() {
             for row in (FIRST..ROWS).filter(|row| known[*row]) {
-                side.lines.push(std::array::from_fn(|k| contrast.features[tilt][k][row]));
+                side.lines
+                    .push(std::array::from_fn(|k| contrast.features[tilt][k][row]));
                 side.heights.push(contrast.heights[tilt][row]);
             }
         }
@@ -44,7 +46,6 @@ impl Side {
         let best = scores.iter().copied().fold(f32::MIN, f32::max);
         let kept = |k: &usize| scores[*k] > best - SPAN;
         Self {
-            condition: self.condition,
             truth: self.truth,
             lines: (0..scores.len()).filter(kept).map(|k| self.lines[k]).collect(),
             heights: (0..scores.len()).filter(kept).map(|k| self.heights[k]).collect(),
@@ -53,7 +54,44 @@ impl Side {
 }
 
 fn linear(weights: &Weights, line: &[f32; FEATURES]) -> f32 {
-    weights.features.iter().zip(line).map(|(weight, value)| weight * value).sum()
+    weights
+        .features
+        .iter()
+        .zip(line)
+        .map(|(weight, value)| weight * value)
+        .sum()
+}
+
+/// What the tracker makes of a side, line by line.
+pub fn posterior(side: &Side, weights: &Weights) -> Posterior {
+    let first: Vec<f32> = side.lines.iter().map(|line| linear(weights, line)).collect();
+    let floor = first.iter().copied().fold(f32::MIN, f32::max) - SPAN;
+    let unit = |unit: &Unit, line: &[f32; FEATURES]| {
+        let input: f32 = unit
+            .weights
+            .iter()
+            .zip(line)
+            .map(|(weight, value)| weight * value)
+            .sum();
+        unit.out * (unit.bias + input).max(0.0)
+    };
+    let hidden = |line: &[f32; FEATURES]| weights.units.iter().map(|it| unit(it, line)).sum::<f32>();
+    let lines = side
+        .lines
+        .iter()
+        .zip(&side.heights)
+        .zip(&first)
+        .filter(|(_, score)| **score > floor);
+    let scores: Vec<(f32, f32)> = lines
+        .map(|((line, height), score)| (*height, score + hidden(line)))
+        .collect();
+    let best = scores.iter().map(|(_, score)| *score).fold(f32::MIN, f32::max);
+    let mut posterior = Posterior { mass: [0.0; BINS] };
+    for (height, score) in scores {
+        posterior.mass[((height * BINS as f32) as usize).min(BINS - 1)] += (weights.temper * (score - best)).exp();
+    }
+    posterior.normalize();
+    posterior
 }
 
 const PARAMETERS: usize = FEATURES + UNITS * (FEATURES + 2);
@@ -155,8 +193,11 @@ fn accumulate(
         return;
     }
     let inverse = scale.map(f32::recip);
-    let lines: Vec<[f32; FEATURES]> =
-        side.lines.iter().map(|line| std::array::from_fn(|k| line[k] * inverse[k])).collect();
+    let lines: Vec<[f32; FEATURES]> = side
+        .lines
+        .iter()
+        .map(|line| std::array::from_fn(|k| line[k] * inverse[k]))
+        .collect();
     let units = if hidden { UNITS } else { 0 };
     let unit = |k: usize| &parameters[FEATURES + k * (FEATURES + 2)..][..FEATURES + 2];
     let dot = |a: &[f32], b: &[f32; FEATURES]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
