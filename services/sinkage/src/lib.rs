@@ -36,7 +36,7 @@ const SHARE_MIN: f64 = 0.75;
 /// Log ratio of the strongest step along a side, below which it has no contrast.
 const CONTRAST_MIN: f32 = 0.02;
 /// Confidence below which an answer is a guess.
-const CONFIDENCE_MIN: f64 = 0.8;
+const CONFIDENCE_MIN: f64 = 0.75;
 
 /// Measures the sinkage in one picture after the other.
 #[derive(Clone, Debug)]
