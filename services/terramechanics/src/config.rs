@@ -6,6 +6,8 @@ use serde::Deserialize;
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Config {
+    /// Which estimator runs.
+    pub estimator: Estimator,
     /// Radius r of the wheel's rim.
     pub radius_m: f64,
     /// Width b of the wheel.
@@ -22,15 +24,40 @@ pub struct Config {
     pub entry_sigma_rad: f64,
     /// Standard deviation of the slip.
     pub slip_sigma: f64,
+    /// Where the contact ends behind the wheel.
+    pub exit_angle: ExitAngle,
     /// A wheel reading older than this when the sinkage is taken does not describe the same instant.
     pub wheel_age_max_s: f64,
     /// Wheel readings since the last sinkage are averaged over at most this span.
     pub averaging_s: f64,
 }
 
+/// The estimators.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Estimator {
+    /// The paper's, on its linear stresses, Eq. (14).
+    Linear,
+    /// On the full stresses, with every measurement's error.
+    #[default]
+    Full,
+}
+
+/// Where the contact is taken to end behind the wheel, θ2.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ExitAngle {
+    /// Below the axle, as in the paper. A camera sees how high the soil lies behind the wheel, not where it stops to press.
+    #[default]
+    Zero,
+    /// As the sinkage sample says.
+    Measured,
+}
+
 impl Default for Config {
     fn default() -> Self {
         Self {
+            estimator: Estimator::Full,
             radius_m: 0.15,
             width_m: 0.16,
             grouser_height_m: 0.0,
@@ -39,6 +66,7 @@ impl Default for Config {
             torque_sigma: 0.03,
             entry_sigma_rad: 0.01745,
             slip_sigma: 0.02,
+            exit_angle: ExitAngle::Zero,
             wheel_age_max_s: 0.25,
             averaging_s: 0.05,
         }

@@ -1,7 +1,8 @@
 //! Recursive least squares for c and tan φ from rows y = c + x tan φ + s c tan φ.
 
 use crate::LinearForm;
-use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
+use nalgebra::{Matrix2, Matrix4, Matrix4x2, Vector2, Vector4};
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
 /// Pressures are summed up in units of this, so that all sums are of one magnitude.
 const UNIT_PA: f64 = 1e3;
@@ -12,11 +13,12 @@ const ITERATIONS_MAX: usize = 12;
 ///
 /// The rows enter through their moments alone, so that an update costs the same after a thousand rows, and yet the solution
 /// is that of all rows at once: the term in c tan φ is linearised around the present solution each time, not once for good.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
 pub struct BilinearLeastSquares {
     /// Σ z zᵀ with z = (1, x, s, y), pressures in [`UNIT_PA`].
-    moments: Matrix4<f64>,
-    rows: u32,
+    moments: [[f64; 4]; 4],
+    rows: u64,
 }
 
 /// c and tan φ, with what the scatter of the rows says of their covariance.
@@ -36,24 +38,25 @@ impl BilinearLeastSquares {
     /// Adds a row.
     pub fn add(&mut self, form: &LinearForm) {
         let z = Vector4::new(1.0, form.x_pa / UNIT_PA, form.s, form.y_pa / UNIT_PA);
-        self.moments += z * z.transpose();
+        self.moments = (Matrix4::from(self.moments) + z * z.transpose()).into();
         self.rows += 1;
     }
 
     /// Number of rows added.
     #[must_use]
-    pub fn rows(&self) -> u32 {
+    pub fn rows(&self) -> u64 {
         self.rows
     }
 
     /// The solution over all rows, or `None` while they do not determine one.
     #[must_use]
     pub fn solve(&self) -> Option<Solution> {
+        let moments = Matrix4::from(self.moments);
         let mut parameters = Vector2::zeros();
         for _ in 0..ITERATIONS_MAX {
             let jacobian = jacobian(&parameters);
-            let gradient = jacobian.transpose() * (self.moments * residual(&parameters));
-            let step = (jacobian.transpose() * self.moments * jacobian).try_inverse()? * gradient;
+            let gradient = jacobian.transpose() * (moments * residual(&parameters));
+            let step = (jacobian.transpose() * moments * jacobian).try_inverse()? * gradient;
             parameters += step;
             if step.norm() <= 1e-14 * parameters.norm() {
                 break;
@@ -61,10 +64,10 @@ impl BilinearLeastSquares {
         }
         let jacobian = jacobian(&parameters);
         let residual = residual(&parameters);
-        let spare = f64::from(self.rows) - 2.0;
-        let variance = (residual.dot(&(self.moments * residual))).max(0.0) / spare;
+        let spare = self.rows as f64 - 2.0;
+        let variance = (residual.dot(&(moments * residual))).max(0.0) / spare;
         let units = Matrix2::from_diagonal(&Vector2::new(UNIT_PA, 1.0));
-        let inverse = (jacobian.transpose() * self.moments * jacobian).try_inverse()?;
+        let inverse = (jacobian.transpose() * moments * jacobian).try_inverse()?;
         let solution = Solution {
             cohesion_pa: parameters[0] * UNIT_PA,
             tangent: parameters[1],
@@ -90,9 +93,9 @@ fn residual(parameters: &Vector2<f64>) -> Vector4<f64> {
 }
 
 /// The derivative of c + x t + s c t by c and t, as coefficients of z.
-fn jacobian(parameters: &Vector2<f64>) -> nalgebra::Matrix4x2<f64> {
+fn jacobian(parameters: &Vector2<f64>) -> Matrix4x2<f64> {
     let (c, t) = (parameters[0], parameters[1]);
-    nalgebra::Matrix4x2::from_columns(&[Vector4::new(1.0, 0.0, t, 0.0), Vector4::new(0.0, 1.0, c, 0.0)])
+    Matrix4x2::from_columns(&[Vector4::new(1.0, 0.0, t, 0.0), Vector4::new(0.0, 1.0, c, 0.0)])
 }
 
 #[cfg(test)]

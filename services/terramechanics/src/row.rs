@@ -1,7 +1,8 @@
 //! One row of measurements: the wheel's telemetry and the sinkage of one instant, joined and checked.
 
-use crate::Config;
+use crate::{Config, ExitAngle};
 use messages::{Sinkage, Soil, Status, Wheel};
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
 /// Wheel readings kept between two sinkage samples; of more, the newest count.
 const READINGS_MAX: usize = 16;
@@ -12,15 +13,17 @@ const ANGULAR_VELOCITY_MIN_RAD_S: f64 = 1e-3;
 /// Slip that the model covers; a little below 0, so that noise at small slip is not cut off on one side.
 const SLIP_MIN: f64 = -0.1;
 const SLIP_MAX: f64 = 0.97;
-/// A reported slip may differ by this from the one that V and ω give.
-const SLIP_DISAGREEMENT: f64 = 0.15;
+/// A reported slip may differ by so many standard deviations, or by so many of these, from the one that V and ω give.
+const SLIP_SIGMAS: f64 = 4.0;
+const SLIP_SIGMA_MIN: f64 = 0.01;
 /// Below this entry angle the wheel rolls on hard ground.
 const ENTRY_MIN_RAD: f64 = 0.06;
 /// Beyond this the wheel has sunk to its axle.
 const ENTRY_MAX_RAD: f64 = 1.5;
 
 /// One operating point of the wheel, as measured.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
 pub struct Row {
     /// Load W.
     pub load_n: f64,
@@ -39,20 +42,25 @@ pub struct Row {
 }
 
 /// The wheel's readings since the last sinkage sample.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
 pub struct Wheels {
     readings: [Reading; READINGS_MAX],
-    count: usize,
+    /// At most [`READINGS_MAX`].
+    count: u64,
 }
 
 /// A reading of the wheel, or why it cannot be used.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
 struct Reading {
     taken_ns: u64,
     load_n: f64,
     torque_nm: f64,
     slip: f64,
+    /// One of the reasons of [`Soil`].
     reason: u32,
+    _padding: u32,
 }
 
 impl Row {
@@ -62,7 +70,9 @@ impl Row {
     /// Why there is none: one of the reasons of [`Soil`].
     pub fn join(sinkage: &Sinkage, wheels: &mut Wheels, config: &Config) -> Result<Self, u32> {
         let wheel = wheels.take(sinkage.header.taken_ns, config);
-        if !sinkage.header.status.is_answer() {
+        // Of a measurement without an exit angle the entry angle is good.
+        let status = sinkage.header.status;
+        if !status.is_answer() && status != Status::INCOMPLETE {
             return Err(Soil::NO_SINKAGE);
         }
         let (wheel, readings) = wheel?;
@@ -81,10 +91,9 @@ impl Row {
             load_n: wheel.load_n,
             torque_nm: wheel.torque_nm,
             entry_rad,
-            exit_rad: if sinkage.exit_rad < 0.0 {
-                sinkage.exit_rad.max(-entry_rad)
-            } else {
-                0.0
+            exit_rad: match config.exit_angle {
+                ExitAngle::Measured if sinkage.exit_rad < 0.0 => sinkage.exit_rad.max(-entry_rad),
+                ExitAngle::Measured | ExitAngle::Zero => 0.0,
             },
             slip: wheel.slip,
             entry_sigma_rad: sigma_rad,
@@ -108,12 +117,18 @@ impl Wheels {
         if wheel.header.status != Status::OK && wheel.header.status != Status::INCOMPLETE {
             return;
         }
-        if self.count == READINGS_MAX {
+        let mut count = self.count();
+        if count == READINGS_MAX {
             self.readings.rotate_left(1);
-            self.count -= 1;
+            count -= 1;
         }
-        self.readings[self.count] = Reading::new(wheel, config);
-        self.count += 1;
+        self.readings[count] = Reading::new(wheel, config);
+        self.count = count as u64 + 1;
+    }
+
+    /// Readings kept.
+    fn count(&self) -> usize {
+        self.count.min(READINGS_MAX as u64) as usize
     }
 
     /// The wheel at `taken_ns`, and how many readings it is the mean of.
@@ -121,7 +136,7 @@ impl Wheels {
     /// A reading is used once: sinkage samples that come faster than readings do not repeat its error. Where several came
     /// since the last sinkage sample, motion is smooth over their short span, and their mean has less noise than the last.
     fn take(&mut self, taken_ns: u64, config: &Config) -> Result<(Reading, u32), u32> {
-        let readings = &self.readings[..self.count];
+        let readings = &self.readings[..self.count()];
         self.count = 0;
         let Some(newest) = readings.last() else {
             return Err(Soil::NO_WHEEL);
@@ -148,6 +163,7 @@ impl Reading {
             load_n: wheel.load_n,
             torque_nm: wheel.torque_nm,
             slip,
+            _padding: 0,
             reason: if reason == Soil::USED && !usable {
                 Soil::LOAD
             } else {
@@ -164,7 +180,7 @@ fn slip(wheel: &Wheel, config: &Config) -> Result<f64, u32> {
         return Err(Soil::STOPPED);
     }
     let computed = 1.0 - v / (config.effective_radius_m() * omega);
-    if (wheel.slip - computed).abs() > SLIP_DISAGREEMENT {
+    if (wheel.slip - computed).abs() > SLIP_SIGMAS * config.slip_sigma.max(SLIP_SIGMA_MIN) {
         return Err(Soil::SLIP);
     }
     let slip = if wheel.slip.is_nan() { computed } else { wheel.slip };

@@ -2,6 +2,8 @@
 //!
 //! Shares no code with the crate: tanh–sinh quadrature of the stresses over the contact, bisection for the entry angle.
 
+pub mod traverse;
+
 /// A soil in the full Bekker / Wong–Reece / Janosi model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SoilModel {

@@ -6,7 +6,7 @@ mod oracle;
 use oracle::{SOILS, WheelModel, entry_for, forces};
 
 fn forward_rows() -> Vec<(String, Vec<f64>)> {
-    include_str!("../golden/terramechanics_forward.csv")
+    include_str!("../../golden/terramechanics_forward.csv")
         .lines()
         .skip(1)
         .map(|line| {
