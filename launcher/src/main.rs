@@ -1,8 +1,10 @@
 //! The `terrasense` command.
 
+mod annotate;
 mod commands;
 mod demo;
 mod doctor;
+mod overlay;
 mod policy;
 mod process;
 mod record;
@@ -39,6 +41,8 @@ enum Command {
     Up(commands::UpArguments),
     /// Runs the system over a recorded traverse, without loss, and writes one CSV a wire. Two replays give the same bytes.
     Replay(replay::ReplayArguments),
+    /// Finds the wheel in a folder of one's own pictures and writes their frames.csv, with overlays to check.
+    Annotate(annotate::AnnotateArguments),
     /// Writes a traverse folder of the simulated rover, with the truth beside it.
     Simulate(simulate::SimulateArguments),
     /// Shows how a running system is doing.
@@ -77,6 +81,7 @@ fn run(command: Command) -> Result<ExitCode, Error> {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Up(arguments) => commands::up(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
+        Command::Annotate(arguments) => annotate::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Status(arguments) => status::run(&arguments),
         Command::Validate(arguments) => commands::validate(&arguments),

@@ -28,6 +28,9 @@ pub struct ReplayArguments {
     /// Where the CSVs go; made if it is not there.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// Writes the pictures with what was found in them into DIR/overlay.
+    #[arg(long)]
+    overlay: bool,
     /// A system file whose services replace the built-in ones.
     #[arg(long, value_name = "ROVER.TOML")]
     system: Option<String>,
@@ -73,6 +76,14 @@ pub fn run(arguments: &ReplayArguments) -> Result<ExitCode, Error> {
             name_of(&supervisor, &wire)
         );
         recording.finish()?;
+    }
+    if arguments.overlay && parts.frames {
+        let count = crate::overlay::write(folder, &arguments.out)?;
+        println!(
+            "{:<24} {count:>8} PNGs  {}/overlay",
+            "pictures",
+            arguments.out.display()
+        );
     }
     Ok(ExitCode::SUCCESS)
 }
