@@ -7,7 +7,7 @@ use shell::now_ns;
 use sinkage::SinkageTracker;
 use std::hint::black_box;
 use terrain::TerrainFusion;
-use terramechanics::SoilEstimator;
+use terramechanics::{Estimator, SoilEstimator};
 use vibration::{Model, VibrationClassifier};
 use zerocopy::FromZeros;
 
@@ -29,6 +29,7 @@ struct Times {
     render: Series,
     sinkage: Series,
     terramechanics: Series,
+    terramechanics_linear: Series,
     piece: Series,
     window: Series,
     terrain: Series,
@@ -43,7 +44,8 @@ fn main() -> Outcome<()> {
         clock: Series::new("reading the clock (part of every time below)"),
         render: Series::new("simulation: one VGA picture"),
         sinkage: Series::new("sinkage: one VGA picture"),
-        terramechanics: Series::new("terramechanics: three wheel readings and a sinkage"),
+        terramechanics: Series::new("terramechanics, full: a cycle, with its share of the solution over the window"),
+        terramechanics_linear: Series::new("terramechanics, linear: a cycle"),
         piece: Series::new("vibration: a piece of 0.1 s"),
         window: Series::new("vibration: a piece that completes a window"),
         terrain: Series::new("terrain: a sinkage, a class and a soil"),
@@ -60,13 +62,23 @@ fn main() -> Outcome<()> {
         render,
         sinkage,
         terramechanics,
+        terramechanics_linear,
         piece,
         window,
         terrain,
     } = times;
     report.table(
         "Compute time of a step",
-        &[clock, render, sinkage, terramechanics, piece, window, terrain],
+        &[
+            clock,
+            render,
+            sinkage,
+            terramechanics,
+            terramechanics_linear,
+            piece,
+            window,
+            terrain,
+        ],
     );
     report.end()
 }
@@ -78,11 +90,21 @@ impl Times {
             render,
             sinkage,
             terramechanics,
+            terramechanics_linear,
             piece,
             window,
             terrain,
         } = self;
-        for series in [clock, render, sinkage, terramechanics, piece, window, terrain] {
+        for series in [
+            clock,
+            render,
+            sinkage,
+            terramechanics,
+            terramechanics_linear,
+            piece,
+            window,
+            terrain,
+        ] {
             series.begin_round();
         }
     }
@@ -106,6 +128,10 @@ impl Times {
     fn route(&mut self, day: &Day) {
         let classes = self.classes(day);
         let mut estimator = SoilEstimator::new(terramechanics::Config::default());
+        let mut linear = SoilEstimator::new(terramechanics::Config {
+            estimator: Estimator::Linear,
+            ..terramechanics::Config::default()
+        });
         let mut fusion = TerrainFusion::new(terrain::Config::default());
         for ((number, readings), sinkage) in day.cycles().zip(&day.sinkage) {
             let (time_ns, soil): (u64, Soil) = timed(|| {
@@ -115,6 +141,13 @@ impl Times {
                 estimator.step(black_box(sinkage))
             });
             self.terramechanics.record(time_ns);
+            let (time_ns, _) = timed(|| {
+                readings
+                    .iter()
+                    .for_each(|reading| linear.observe_wheel(black_box(reading)));
+                linear.step(black_box(sinkage))
+            });
+            self.terramechanics_linear.record(time_ns);
             let class = &classes[number * classes.len() / day.sinkage.len()];
             let (time_ns, _) = timed(|| {
                 fusion.observe_sinkage(black_box(sinkage));

@@ -4,7 +4,7 @@ use super::{SoilModel, WheelModel, entry_for, forces};
 use messages::{Header, Sinkage, Wheel};
 use terramechanics::Config;
 
-/// SplitMix64.
+/// The generator `SplitMix64`.
 #[derive(Clone, Copy, Debug)]
 pub struct Random(pub u64);
 
@@ -73,15 +73,11 @@ pub struct Plan {
     pub seed: u64,
 }
 
-/// One measured row, and what was true.
+/// One measured row.
 #[derive(Clone, Copy, Debug)]
 pub struct Measured {
     pub wheel: Wheel,
     pub sinkage: Sinkage,
-    pub segment: usize,
-    pub load_n: f64,
-    pub entry_rad: f64,
-    pub slip: f64,
 }
 
 impl Plan {
@@ -104,7 +100,7 @@ impl Plan {
         let mut random = Random(self.seed);
         let mut drive = Drive::new(&mut random);
         let mut rows = Vec::new();
-        for (segment, Segment { soil, rows: count }) in self.segments.iter().enumerate() {
+        for Segment { soil, rows: count } in &self.segments {
             for _ in 0..*count {
                 let [load, slip] = drive.next(self.excitation, rows.len(), &mut random);
                 let mut load_n = self.load_n[0] + load * (self.load_n[1] - self.load_n[0]);
@@ -117,13 +113,13 @@ impl Plan {
                 };
                 let torque_nm = forces(soil, &self.wheel, entry_rad, 0.0, slip).torque_nm;
                 let taken_ns = (rows.len() as f64 / self.rate_hz * 1e9) as u64;
-                rows.push(self.measure([load_n, torque_nm, entry_rad, slip], taken_ns, segment, &mut random));
+                rows.push(self.measure([load_n, torque_nm, entry_rad, slip], taken_ns, &mut random));
             }
         }
         rows
     }
 
-    fn measure(&self, truth: [f64; 4], taken_ns: u64, segment: usize, random: &mut Random) -> Measured {
+    fn measure(&self, truth: [f64; 4], taken_ns: u64, random: &mut Random) -> Measured {
         let [load_n, torque_nm, entry_rad, slip] = truth;
         let measured_slip = slip + self.noise.slip * random.normal();
         let entry = entry_rad + self.noise.entry_deg.to_radians() * random.normal();
@@ -147,10 +143,6 @@ impl Plan {
                 sinkage_m: self.wheel.radius_m * (1.0 - entry.cos()),
                 ..Sinkage::unknown(header)
             },
-            segment,
-            load_n,
-            entry_rad,
-            slip,
         }
     }
 }
