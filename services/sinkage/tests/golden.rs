@@ -542,3 +542,22 @@ fn a_configuration_names_what_is_wrong() {
         assert!(remedy.contains("above 0 and at most 10"), "{remedy}");
     }
 }
+
+#[test]
+fn the_largest_change_agrees_with_numpy_to_a_fifth_of_a_percent_of_the_radius() {
+    let reference = table(&Path::new(env!("CARGO_MANIFEST_DIR")).join("golden/largest_change.csv"));
+    for name in ["c1_a", "c2_a", "c3_a", "c4_a", "c5_a", "c6_a"] {
+        let rows: Vec<_> = reference.iter().filter(|row| row[0] == name).collect();
+        let frames = table(&clip(name).join("frames.csv"));
+        assert_eq!(rows.len(), frames.len());
+        let mut square = 0.0;
+        for (row, frame) in rows.iter().zip(&frames) {
+            let answer = paper().step(&load(&clip(name), frame));
+            for (angle, cosine) in [answer.left_rad, answer.right_rad].into_iter().zip(&row[2..4]) {
+                square += (angle.cos() - cosine.parse::<f64>().unwrap()).powi(2);
+            }
+        }
+        let rms = (square / (2 * rows.len()) as f64).sqrt();
+        assert!(rms < 0.002, "{name}: {rms}");
+    }
+}
