@@ -15,7 +15,7 @@ pub(crate) enum Stream {
 
 /// Uniform in 0..1, never 0.
 pub(crate) fn uniform(seed: u64, stream: Stream, index: u64) -> f64 {
-    let bits = mix(mix(seed ^ (stream as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15)) ^ index);
+    let bits = hash(hash(seed ^ (stream as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15)) ^ index);
     ((bits >> 11) as f64 + 0.5) / (1_u64 << 53) as f64
 }
 
@@ -27,7 +27,7 @@ pub(crate) fn normal(seed: u64, stream: Stream, index: u64) -> f64 {
 }
 
 /// The finalizer of `SplitMix64` (Steele, Lea, Flood 2014): every bit of the input reaches every bit of the output.
-fn mix(value: u64) -> u64 {
+pub(crate) fn hash(value: u64) -> u64 {
     let value = value.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let value = (value ^ value >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let value = (value ^ value >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -40,12 +40,12 @@ pub(crate) struct Dice(u64);
 
 impl Dice {
     pub(crate) fn new(seed: u64) -> Self {
-        Self(mix(seed))
+        Self(hash(seed))
     }
 
     pub(crate) fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        mix(self.0)
+        hash(self.0)
     }
 
     /// Uniform in 0..1.
@@ -77,7 +77,7 @@ impl Dice {
 pub(crate) fn value_noise(seed: u64, x: f64, y: f64) -> f64 {
     let corner = |i: f64, j: f64| {
         let place = (i as i64 as u64).wrapping_mul(0x8da6_b343) ^ (j as i64 as u64).wrapping_mul(0xd816_3841_0000_0001);
-        (mix(seed ^ place) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+        (hash(seed ^ place) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
     };
     let ease = |part: f64| part * part * (3.0 - 2.0 * part);
     let (i, j) = (x.floor(), y.floor());

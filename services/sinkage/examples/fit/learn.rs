@@ -205,10 +205,10 @@ fn accumulate(
     let mut scores = vec![0.0_f32; lines.len()];
     for ((line, active), score) in lines.iter().zip(&mut active).zip(&mut scores) {
         *score = dot(&parameters[..FEATURES], line);
-        for k in 0..units {
+        for (k, active) in active.iter_mut().enumerate().take(units) {
             let unit = unit(k);
-            active[k] = (unit[1] + dot(&unit[2..], line)).max(0.0);
-            *score += unit[0] * active[k];
+            *active = (unit[1] + dot(&unit[2..], line)).max(0.0);
+            *score += unit[0] * *active;
         }
     }
     let best = scores.iter().copied().fold(f32::MIN, f32::max);
