@@ -1,6 +1,7 @@
 //! `replay`: the real process set over a recorded traverse, without loss, as fast as it goes.
 
 use crate::commands::{self, DEFAULT_SYSTEM, find, listen, say};
+use crate::figures;
 use crate::policy::Ending;
 use crate::record::Recording;
 use crate::supervisor::Supervisor;
@@ -34,6 +35,10 @@ pub struct ReplayArguments {
     /// A system file whose services replace the built-in ones.
     #[arg(long, value_name = "ROVER.TOML")]
     system: Option<String>,
+    /// Draw what was estimated: soil.svg shows cohesion and friction angle against time, with their 95 % bands, the changes
+    /// of soil that were found, and the truth if the traverse has a truth.csv.
+    #[arg(long)]
+    plots: bool,
 }
 
 /// Which parts a traverse has.
@@ -43,6 +48,13 @@ struct Parts {
     wheel: bool,
     sinkage: bool,
     vibration: bool,
+}
+
+impl Parts {
+    /// The angles of contact were measured, and are not seen by a camera.
+    fn measured_angles(self) -> bool {
+        self.sinkage && !self.frames
+    }
 }
 
 /// Replays a traverse.
@@ -55,8 +67,9 @@ pub fn run(arguments: &ReplayArguments) -> Result<ExitCode, Error> {
     std::fs::create_dir_all(&arguments.out)
         .map_err(|error| Error::data(format!("{}: {error}", arguments.out.display())))?;
     let mut recordings = BTreeMap::new();
+    remove_earlier(&arguments.out, figures::SOIL)?;
     for (wire, about) in &system.wires {
-        remove_earlier(&arguments.out, about.port)?;
+        remove_earlier(&arguments.out, &format!("{}.csv", about.port.name()))?;
         recordings.insert(
             wire.clone(),
             Recording::create(&arguments.out, about.port.name(), about.port)?,
@@ -77,15 +90,27 @@ pub fn run(arguments: &ReplayArguments) -> Result<ExitCode, Error> {
         );
         recording.finish()?;
     }
-    if arguments.overlay && parts.frames {
-        let count = crate::overlay::write(folder, &arguments.out)?;
-        println!(
-            "{:<24} {count:>8} PNGs  {}/overlay",
-            "pictures",
-            arguments.out.display()
-        );
-    }
+    draw(arguments, parts)?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// Figures and pictures, as far as they were asked for.
+fn draw(arguments: &ReplayArguments, parts: Parts) -> Result<(), Error> {
+    let (folder, out) = (&arguments.traverse, &arguments.out);
+    if arguments.plots {
+        match figures::soil(folder, out)? {
+            Some(path) => println!("{:<24} {:>13}  {}", "cohesion, friction", "plot", path.display()),
+            None => eprintln!("terrasense: nothing to plot: this replay has no soil.csv"),
+        }
+        if let Some(path) = figures::sinkage(folder, out)? {
+            println!("{:<24} {:>13}  {}", "sinkage", "plot", path.display());
+        }
+    }
+    if arguments.overlay && parts.frames {
+        let count = crate::overlay::write(folder, out)?;
+        println!("{:<24} {count:>8} PNGs  {}/overlay", "pictures", out.display());
+    }
+    Ok(())
 }
 
 /// Runs the system until every wire has come to its end.
@@ -227,7 +252,7 @@ fn system(arguments: &ReplayArguments, description: &Traverse, parts: Parts) -> 
     for (_, service) in services.iter_mut() {
         service["restart"] = value("never");
         service.as_table_like_mut().map(|table| table.remove("deadline_ms"));
-        configure(service, description);
+        configure(service, description, parts);
     }
     let file = SystemFile::parse(&path, &document.to_string())?;
     let beside = arguments
@@ -240,8 +265,7 @@ fn system(arguments: &ReplayArguments, description: &Traverse, parts: Parts) -> 
 
 /// Turns the sources to the traverse, and takes away the outputs that it has nothing for.
 fn feed(services: &mut Table, folder: &str, parts: Parts) {
-    let measured = parts.sinkage && !parts.frames;
-    if measured {
+    if parts.measured_angles() {
         // Measured angles take the place of the service that would see them.
         let seen = writer_of(services, Port::Sinkage).and_then(|(name, wire)| services.remove(&name).map(|_| wire));
         if let (Some(wire), Some((name, _))) = (seen, writer_of(services, Port::Wheel)) {
@@ -303,7 +327,7 @@ fn keep_fed(services: &mut Table) {
 }
 
 /// Gives a stage what the traverse says of wheel, soil and sensors.
-fn configure(service: &mut Item, description: &Traverse) {
+fn configure(service: &mut Item, description: &Traverse, parts: Parts) {
     let outputs: Vec<String> = wires(service, "outputs").into_iter().map(|(port, _)| port).collect();
     let writes = |port: Port| outputs.iter().any(|name| name == port.name());
     let mut settings: Vec<(&str, Value)> = Vec::new();
@@ -332,6 +356,10 @@ fn configure(service: &mut Item, description: &Traverse) {
                 .into_iter()
                 .filter_map(|(key, number)| Some((key, number?.into()))),
         );
+        // A camera sees how high the soil lies behind the wheel, not where it stops to press; a measurement may know.
+        if parts.measured_angles() {
+            settings.push(("exit_angle", "measured".into()));
+        }
     }
     let source = wires(service, "inputs").is_empty();
     for (key, setting) in settings.into_iter().filter(|_| !source) {
@@ -357,8 +385,8 @@ fn wires(service: &Item, direction: &str) -> Vec<(String, String)> {
         .collect()
 }
 
-fn remove_earlier(folder: &Path, port: Port) -> Result<(), Error> {
-    let path = folder.join(format!("{}.csv", port.name()));
+fn remove_earlier(folder: &Path, file: &str) -> Result<(), Error> {
+    let path = folder.join(file);
     match std::fs::remove_file(&path) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
             Err(Error::data(format!("{}: {error}", path.display())))
@@ -369,4 +397,59 @@ fn remove_earlier(folder: &Path, port: Port) -> Result<(), Error> {
 
 fn name_of(supervisor: &Supervisor, wire: &str) -> &'static str {
     supervisor.system().wires[wire].port.name()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MEASURED: Parts = Parts {
+        frames: false,
+        wheel: true,
+        sinkage: true,
+        vibration: false,
+    };
+
+    /// The built-in system's terramechanics, configured for a traverse of these parts.
+    fn soil_config(parts: Parts) -> Item {
+        let mut document: DocumentMut = DEFAULT_SYSTEM.parse().unwrap();
+        let services = document["service"].as_table_mut().unwrap();
+        let (name, _) = writer_of(services, Port::Soil).unwrap();
+        let description = Traverse::parse("traverse.toml", Traverse::EXAMPLE).unwrap();
+        configure(&mut services[&name], &description, parts);
+        services[&name]["config"].clone()
+    }
+
+    #[test]
+    fn the_exit_angle_is_used_where_it_was_measured_and_not_seen() {
+        let measured = soil_config(MEASURED);
+        assert_eq!(measured["exit_angle"].as_str(), Some("measured"));
+        assert!(measured.get("radius_m").is_some());
+        for parts in [
+            Parts {
+                frames: true,
+                ..MEASURED
+            },
+            Parts {
+                frames: true,
+                sinkage: false,
+                ..MEASURED
+            },
+        ] {
+            assert!(soil_config(parts).get("exit_angle").is_none(), "{parts:?}");
+        }
+    }
+
+    #[test]
+    fn measured_angles_take_the_place_of_the_camera() {
+        let mut document: DocumentMut = DEFAULT_SYSTEM.parse().unwrap();
+        let services = document["service"].as_table_mut().unwrap();
+        let (seen, wire) = writer_of(services, Port::Sinkage).unwrap();
+        feed(services, "/traverse", MEASURED);
+        keep_fed(services);
+        assert!(services.get(&seen).is_none());
+        let (telemetry, _) = writer_of(services, Port::Wheel).unwrap();
+        assert_eq!(writer_of(services, Port::Sinkage), Some((telemetry, wire)));
+        assert!(writer_of(services, Port::Frames).is_none());
+    }
 }

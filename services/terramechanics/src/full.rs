@@ -189,16 +189,16 @@ impl FullEstimator {
             return Status::WARMING_UP;
         }
         let status = observability::status(&self.regression, model);
-        // At one operating point the regression would take the noise of its rows for the shape of the soil's response.
-        let is_steady = self.point.rows >= STEADY_SHARE_MIN * self.regression.rows() as f64;
-        let (alone, at_point) = self.regression.alone(&self.point.as_row(), model);
-        let known = if is_steady && status != Status::OK {
-            &alone
+        if self.point.rows < STEADY_SHARE_MIN * self.regression.rows() as f64 {
+            write(&self.regression.solution, self.newest.pressure_pa(&model.rim), soil);
+        } else if status == Status::OK {
+            let point = Tracked::new(&self.point.as_row());
+            write(&self.regression.solution, point.pressure_pa(&model.rim), soil);
         } else {
-            &self.regression.solution
-        };
-        let present = if is_steady { &at_point } else { &self.newest };
-        write(known, present.pressure_pa(&model.rim), soil);
+            // At one operating point the regression would take the noise of its rows for the shape of the soil's response.
+            let (known, point) = self.regression.alone(&self.point.as_row(), model);
+            write(&known, point.pressure_pa(&model.rim), soil);
+        }
         status
     }
 

@@ -45,6 +45,7 @@ impl Tracked {
             row: *row,
             entry_rad: row.entry_rad,
             slip: row.slip,
+            load_n: row.load_n,
             weight: 1.0,
             ..Self::default()
         }
