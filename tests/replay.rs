@@ -1,7 +1,7 @@
 //! A recorded traverse gives the same bytes, however often and however busy the machine is.
 
 use crate::recording::Traverse;
-use crate::rover::contents;
+use crate::rover::{contents, told};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 fn column(text: &str, name: &str) -> Vec<String> {
@@ -98,4 +98,26 @@ fn a_traverse_of_one_part_starts_only_the_services_that_it_feeds() {
         .map(|(name, _)| name)
         .collect();
     assert_eq!(names, ["class.csv", "vibration.csv"]);
+}
+
+#[test]
+fn plots_are_drawn_where_asked_for_and_an_earlier_one_does_not_stay() {
+    let traverse = Traverse::without_pictures();
+    traverse.remove("vibration.csv");
+    let (folder, out) = (traverse.folder.path(), traverse.path("out"));
+    let arguments = [
+        "replay",
+        folder.to_str().unwrap(),
+        "--out",
+        out.to_str().unwrap(),
+        "--plots",
+    ];
+    let (code, text) = told(&arguments);
+    assert_eq!(code, 0, "{text}");
+    assert!(text.contains("soil.svg"), "{text}");
+    let svg = std::fs::read_to_string(out.join("soil.svg")).unwrap();
+    assert!(svg.contains("friction angle [deg]"));
+    let (code, text) = told(&arguments[..4]);
+    assert_eq!(code, 0, "{text}");
+    assert!(!out.join("soil.svg").exists());
 }

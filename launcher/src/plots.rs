@@ -241,8 +241,8 @@ fn draw_legend(area: &Area, panels: &[Panel], mark: Option<&str>) -> Result<(), 
         truth.then_some(("truth", TRUTH)),
         mark.map(|label| (label, CHANGE)),
     ];
-    for (slot, (label, colour)) in entries.into_iter().flatten().enumerate() {
-        let (left, middle) = (140 + 370 * slot as i32, LEGEND_PX as i32 / 2 + 8);
+    let (mut left, middle) = (146, LEGEND_PX as i32 / 2 + 8);
+    for (label, colour) in entries.into_iter().flatten() {
         let (start, end) = ((left, middle), (left + 54, middle));
         if colour == TRUTH {
             area.draw(&DashedPathElement::new([start, end], 18, 12, thick(colour)))?;
@@ -255,6 +255,8 @@ fn draw_legend(area: &Area, panels: &[Panel], mark: Option<&str>) -> Result<(), 
             area.draw(&PathElement::new([start, end], thick(colour)))?;
         }
         area.draw(&Text::new(label.to_owned(), (left + 66, middle - 12), FONT))?;
+        // About what the words take: no font is measured.
+        left += 120 + 15 * label.len() as i32;
     }
     Ok(())
 }
