@@ -202,6 +202,7 @@ fn vote(picture: &GrayImage) -> Option<((f64, f64), f64)> {
 
 /// Moves centre and radius to where the edge is strongest, in ever smaller steps.
 fn settle(picture: &GrayImage, center: (f64, f64), radius: f64, reach: f64) -> ((f64, f64), f64) {
+    let start = radius;
     let mut best = (edge(picture, center, radius), center, radius);
     let mut step = 2.0 * reach;
     while step > 0.1 {
@@ -211,7 +212,8 @@ fn settle(picture: &GrayImage, center: (f64, f64), radius: f64, reach: f64) -> (
             let center = (before.1.0 + move_by(x), before.1.1 + move_by(y));
             let radius = before.2 + move_by(r);
             let strength = edge(picture, center, radius);
-            if strength > best.0 {
+            // Smaller and smaller circles would end on a spoke.
+            if strength > best.0 && (radius / start - 1.0).abs() < 0.15 {
                 best = (strength, center, radius);
             }
         }
