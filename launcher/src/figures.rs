@@ -86,7 +86,7 @@ pub fn sinkage(traverse: &Path, out: &Path) -> Result<Option<PathBuf>, Error> {
     }
     let mut truth = Vec::new();
     read(&traverse.join("truth.csv"), ["left_rad", "right_rad"], |values, _| {
-        truth.push(values)
+        truth.push(values);
     })?;
     let svg = plots::sinkage(&rows, &truth).map_err(|error| Error::internal(format!("{SINKAGE}: {error}")))?;
     let path = out.join(SINKAGE);
