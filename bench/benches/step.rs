@@ -8,6 +8,10 @@ use sinkage::SinkageTracker;
 use std::hint::black_box;
 use terrain::TerrainFusion;
 use terramechanics::{Estimator, SoilEstimator};
+use vibration::decision::Decider;
+use vibration::features::Extractor;
+use vibration::recording::Window;
+use vibration::window::Quality;
 use vibration::{Model, VibrationClassifier};
 use zerocopy::FromZeros;
 
@@ -32,6 +36,8 @@ struct Times {
     terramechanics_linear: Series,
     piece: Series,
     window: Series,
+    features: Series,
+    decision: Series,
     terrain: Series,
 }
 
@@ -48,6 +54,8 @@ fn main() -> Outcome<()> {
         terramechanics_linear: Series::new("terramechanics, linear: a cycle"),
         piece: Series::new("vibration: a piece of 0.1 s"),
         window: Series::new("vibration: a piece that completes a window"),
+        features: Series::new("vibration: the features of a window of six channels"),
+        decision: Series::new("vibration: the decision on a window"),
         terrain: Series::new("terrain: a sinkage, a class and a soil"),
     };
     for _ in 0..ROUNDS {
@@ -55,6 +63,7 @@ fn main() -> Outcome<()> {
         times.pictures(&day, &frames, options.amount(PICTURES_A_ROUND));
         for _ in 0..options.amount(2) {
             times.route(&day);
+            times.windows(&day);
         }
     }
     let Times {
@@ -65,6 +74,8 @@ fn main() -> Outcome<()> {
         terramechanics_linear,
         piece,
         window,
+        features,
+        decision,
         terrain,
     } = times;
     report.table(
@@ -77,6 +88,8 @@ fn main() -> Outcome<()> {
             terramechanics_linear,
             piece,
             window,
+            features,
+            decision,
             terrain,
         ],
     );
@@ -93,6 +106,8 @@ impl Times {
             terramechanics_linear,
             piece,
             window,
+            features,
+            decision,
             terrain,
         } = self;
         for series in [
@@ -103,6 +118,8 @@ impl Times {
             terramechanics_linear,
             piece,
             window,
+            features,
+            decision,
             terrain,
         ] {
             series.begin_round();
@@ -158,8 +175,34 @@ impl Times {
         }
     }
 
+    /// The parts of a window's classification.
+    fn windows(&mut self, day: &Day) {
+        let model = Model::built_in();
+        let channels = model.channels.len();
+        let mut extractor = Extractor::new(model.features.clone(), model.window_samples, model.rate_hz);
+        let mut window = Window::prepared(&extractor);
+        window.quality = Quality::Good;
+        let mut decider = Decider::new(model, None, None);
+        let piece_samples = day.vibration[0].count as usize;
+        for pieces in day
+            .vibration
+            .chunks_exact(decider.model().window_samples / piece_samples)
+        {
+            let of_channel = |channel: usize| pieces.iter().flat_map(move |piece| piece.channel(channel));
+            let samples: Vec<Vec<f64>> = (0..channels)
+                .map(|channel| of_channel(channel).map(|value| f64::from(*value)).collect())
+                .collect();
+            let (time_ns, ()) =
+                timed(|| extractor.extract(|channel| black_box(&samples[channel]), &mut window.features));
+            self.features.record(time_ns);
+            window.start_ns = pieces[0].start_ns;
+            window.level = extractor.level(&window.features);
+            self.decision.record(timed(|| decider.decide(black_box(&window))).0);
+        }
+    }
+
     fn classes(&mut self, day: &Day) -> Vec<TerrainClass> {
-        let mut classifier = VibrationClassifier::new(vibration::Config::default(), Model::built_in());
+        let mut classifier = VibrationClassifier::new(&vibration::Config::default(), Model::built_in());
         let mut windows = 0;
         let mut classes = Vec::with_capacity(day.vibration.len());
         for piece in &day.vibration {

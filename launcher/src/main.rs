@@ -16,6 +16,7 @@ mod simulate;
 mod status;
 mod supervisor;
 mod system;
+mod vibration;
 mod watch;
 
 use clap::{CommandFactory, Parser, Subcommand};
@@ -47,6 +48,9 @@ enum Command {
     Annotate(annotate::AnnotateArguments),
     /// Writes a traverse folder of the simulated rover, with the truth beside it.
     Simulate(simulate::SimulateArguments),
+    /// Trains and tries the terrain classifier on recordings of one's own vehicle.
+    #[command(subcommand)]
+    Vibration(vibration::VibrationCommand),
     /// Shows how a running system is doing.
     Status(status::StatusArguments),
     /// Checks a system file without starting anything.
@@ -85,6 +89,7 @@ fn run(command: Command) -> Result<ExitCode, Error> {
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Annotate(arguments) => annotate::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Vibration(command) => vibration::run(&command),
         Command::Status(arguments) => status::run(&arguments),
         Command::Validate(arguments) => commands::validate(&arguments),
         Command::DefaultSystem => {

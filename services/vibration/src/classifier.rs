@@ -1,8 +1,10 @@
 //! Vibration in, the class of the terrain out: the stage.
 
-use crate::model::Model;
-use crate::spectrum::Spectrum;
-use crate::window::{Collector, Quality};
+use crate::decision::Decider;
+use crate::features::Extractor;
+use crate::model::{Filtering, Model, Rejecting};
+use crate::recording::Window;
+use crate::window::Collector;
 use messages::{CHANNELS_MAX, Header, SAMPLES_MAX, Status, TerrainClass, Vibration, label, label_text};
 use serde::Deserialize;
 
@@ -17,6 +19,10 @@ const PERIOD_TOLERANCE: f64 = 0.02;
 pub struct Config {
     /// Path of a model file; none: the built-in model of the simulated rover.
     pub model: Option<String>,
+    /// Whether the windows before count; none: as the model says.
+    pub filter: Option<Filtering>,
+    /// Whether a class may be rejected; none: as the model says.
+    pub reject: Option<Rejecting>,
 }
 
 impl Config {
@@ -34,10 +40,10 @@ impl Config {
 
 /// Collects pieces of vibration into windows and classifies each of them.
 pub struct VibrationClassifier {
-    model: Model,
+    decider: Decider,
     collector: Collector,
-    spectrum: Spectrum,
-    features: Vec<f64>,
+    extractor: Extractor,
+    window: Window,
     /// Where the model's channels, then the speed, stand in a piece.
     places: [Option<usize>; CHANNELS_MAX + 1],
     decided: TerrainClass,
@@ -46,7 +52,7 @@ pub struct VibrationClassifier {
 impl VibrationClassifier {
     /// For a validated configuration and model.
     #[must_use]
-    pub fn new(_config: Config, model: Model) -> Self {
+    pub fn new(config: &Config, model: Model) -> Self {
         let mut decided = TerrainClass::undecided(Header {
             status: Status::WARMING_UP,
             ..Header::default()
@@ -56,13 +62,14 @@ impl VibrationClassifier {
         for (name, text) in decided.labels.iter_mut().zip(&model.labels) {
             *name = label(text);
         }
+        let extractor = Extractor::new(model.features.clone(), model.window_samples, model.rate_hz);
         Self {
             collector: Collector::new(model.channels.len() + 1, model.window_samples, 1e9 / model.rate_hz),
-            spectrum: Spectrum::new(model.window_samples, model.rate_hz, model.tapers),
-            features: vec![0.0; model.features()],
+            window: Window::prepared(&extractor),
+            extractor,
             places: [None; CHANNELS_MAX + 1],
             decided,
-            model,
+            decider: Decider::new(model, config.filter, config.reject),
         }
     }
 
@@ -91,16 +98,16 @@ impl VibrationClassifier {
     /// # Errors
     /// Says what differs, and what the model was trained with.
     pub fn check_fit(&self, piece: &Vibration) -> Result<(), String> {
-        let period_ns = 1e9 / self.model.rate_hz;
+        let period_ns = 1e9 / self.decider.model().rate_hz;
         if (piece.period_ns as f64 - period_ns).abs() > PERIOD_TOLERANCE * period_ns {
             return Err(format!(
                 "the model was trained at {} Hz, the vibration comes at {:.3} Hz",
-                self.model.rate_hz,
+                self.decider.model().rate_hz,
                 1e9 / piece.period_ns.max(1) as f64
             ));
         }
         let offered = &piece.channels[..channel_count(piece)];
-        for name in &self.model.channels {
+        for name in &self.decider.model().channels {
             if !offered.iter().any(|label| label_text(label) == name) {
                 let names: Vec<&str> = offered.iter().map(|label| label_text(label)).collect();
                 return Err(format!(
@@ -114,16 +121,17 @@ impl VibrationClassifier {
 
     /// Finds the model's channels in the piece; false where one is missing or the rate differs.
     fn fits(&mut self, piece: &Vibration) -> bool {
-        let period_ns = 1e9 / self.model.rate_hz;
+        let period_ns = 1e9 / self.decider.model().rate_hz;
         if (piece.period_ns as f64 - period_ns).abs() > PERIOD_TOLERANCE * period_ns {
             return false;
         }
         let offered = &piece.channels[..channel_count(piece)];
-        let names = self.model.channels.iter().map(String::as_str).chain([SPEED_CHANNEL]);
+        let channels = &self.decider.model().channels;
+        let names = channels.iter().map(String::as_str).chain([SPEED_CHANNEL]);
         for (place, name) in self.places.iter_mut().zip(names) {
             *place = offered.iter().position(|label| label_text(label) == name);
         }
-        self.places[..self.model.channels.len()].iter().all(Option::is_some)
+        self.places[..channels.len()].iter().all(Option::is_some)
     }
 
     fn collect(&mut self, piece: &Vibration) {
@@ -147,23 +155,13 @@ impl VibrationClassifier {
     /// Decides on the full window.
     fn classify(&mut self) {
         self.decided.windows = self.decided.windows.saturating_add(1);
-        self.decided.start_ns = self.collector.start_ns();
-        let channels = self.model.channels.len();
-        let quality = self.collector.repair(channels);
-        if self.stands_still() {
-            return self.forget(Status::STANDING_STILL);
-        }
-        match quality {
-            Quality::Incomplete => return self.forget(Status::INCOMPLETE),
-            Quality::WrongRate => return self.forget(Status::INPUT_REJECTED),
-            Quality::Faulty => return self.forget(Status::SENSOR_FAULT),
-            Quality::Good => {}
-        }
-        let bins = self.spectrum.bins();
-        for (channel, features) in self.features.chunks_exact_mut(bins).enumerate() {
-            self.spectrum.log_psd(self.collector.channel(channel), features);
-        }
-        let decision = self.model.decide(&self.features);
+        let channels = &self.decider.model().channels;
+        self.window.measure(&mut self.collector, &mut self.extractor, channels);
+        self.decided.start_ns = self.window.start_ns;
+        let decision = match self.decider.decide(&self.window) {
+            Ok(decision) => decision,
+            Err(status) => return self.forget(status),
+        };
         self.decided.class = decision.class as u32;
         self.decided.unknown = u32::from(decision.unknown);
         self.decided.metric = decision.metric;
@@ -173,14 +171,6 @@ impl VibrationClassifier {
         } else {
             Status::OK
         };
-    }
-
-    /// True where the speed is known and too low.
-    fn stands_still(&self) -> bool {
-        let speeds = self.collector.channel(self.model.channels.len());
-        let known = speeds.iter().filter(|speed| speed.is_finite());
-        let (count, sum) = known.fold((0.0, 0.0), |(count, sum), speed| (count + 1.0, sum + speed));
-        count > 0.0 && (sum / count).abs() < self.model.still_m_s
     }
 
     /// Leaves nothing decided.

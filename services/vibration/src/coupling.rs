@@ -2,12 +2,12 @@
 
 use messages::CLASSES_MAX;
 
-/// Sweeps over the classes at the most.
-const SWEEPS_MAX: usize = 100;
 /// Pairwise probabilities are kept this far from 0 and 1.
 const MARGIN: f64 = 1e-9;
+/// Unknowns of the linear system: the probabilities, and the multiplier of their sum.
+const UNKNOWNS_MAX: usize = CLASSES_MAX + 1;
 
-/// Probability of the first class against the second, for all pairs.
+/// One number for each ordered pair of classes.
 pub type PairTable = [[f64; CLASSES_MAX]; CLASSES_MAX];
 
 /// Finds the probabilities p of the first `classes` classes that agree best with the pairwise ones r: those that
@@ -16,33 +16,55 @@ pub type PairTable = [[f64; CLASSES_MAX]; CLASSES_MAX];
 pub fn couple(pairwise: &PairTable, classes: usize) -> [f64; CLASSES_MAX] {
     let classes = classes.min(CLASSES_MAX);
     let r = |a: usize, b: usize| pairwise[a][b].clamp(MARGIN, 1.0 - MARGIN);
-    let mut q: PairTable = [[0.0; CLASSES_MAX]; CLASSES_MAX];
-    for (a, row) in q.iter_mut().enumerate().take(classes) {
+    // The optimum is where Q p + m 1 = 0 and the sum of p is 1.
+    let mut system = [[0.0; UNKNOWNS_MAX + 1]; UNKNOWNS_MAX];
+    for (a, row) in system.iter_mut().enumerate().take(classes) {
         for b in (0..classes).filter(|b| *b != a) {
             row[a] += r(b, a).powi(2);
             row[b] = -r(b, a) * r(a, b);
         }
+        row[classes] = 1.0;
     }
-    let mut p = [0.0; CLASSES_MAX];
-    p[..classes].fill(1.0 / classes.max(1) as f64);
-    for _ in 0..SWEEPS_MAX {
-        let mut change = 0.0_f64;
-        for a in 0..classes {
-            let row = |t: usize| (0..classes).map(|b| q[t][b] * p[b]).sum::<f64>();
-            let total: f64 = (0..classes).map(|t| p[t] * row(t)).sum();
-            let step = (total - row(a)) / q[a][a].max(f64::MIN_POSITIVE);
-            p[a] = (p[a] + step).max(0.0);
-            let sum: f64 = p[..classes].iter().sum();
-            p[..classes]
-                .iter_mut()
-                .for_each(|value| *value /= sum.max(f64::MIN_POSITIVE));
-            change = change.max(step.abs());
-        }
-        if change < 1e-9 {
-            break;
-        }
+    system[classes][..classes].fill(1.0);
+    system[classes][classes + 1] = 1.0;
+    let solution = solve(&mut system, classes + 1);
+    let mut p: [f64; CLASSES_MAX] = std::array::from_fn(|a| if a < classes { solution[a].max(0.0) } else { 0.0 });
+    let sum: f64 = p.iter().sum();
+    if sum.is_finite() && sum > 0.0 {
+        p.iter_mut().for_each(|value| *value /= sum);
+    } else {
+        p[..classes].fill(1.0 / classes.max(1) as f64);
     }
     p
+}
+
+/// Gauss's elimination with pivots, of the first `size` equations; the right-hand side is column `size`.
+fn solve(system: &mut [[f64; UNKNOWNS_MAX + 1]; UNKNOWNS_MAX], size: usize) -> [f64; UNKNOWNS_MAX] {
+    for column in 0..size {
+        let pivot = (column..size).fold(column, |best, row| {
+            if system[row][column].abs() > system[best][column].abs() {
+                row
+            } else {
+                best
+            }
+        });
+        system.swap(column, pivot);
+        let above = system[column];
+        for row in system.iter_mut().take(size).skip(column + 1) {
+            let factor = row[column] / above[column];
+            for (value, upper) in row.iter_mut().zip(&above).take(size + 1).skip(column) {
+                *value -= factor * upper;
+            }
+        }
+    }
+    let mut solution = [0.0; UNKNOWNS_MAX];
+    for row in (0..size).rev() {
+        let known: f64 = (row + 1..size)
+            .map(|column| system[row][column] * solution[column])
+            .sum();
+        solution[row] = (system[row][size] - known) / system[row][row];
+    }
+    solution
 }
 
 #[cfg(test)]
@@ -60,7 +82,26 @@ mod tests {
         }
         let found = couple(&pairwise, 4);
         for (p, expected) in found.iter().zip(truth) {
-            assert!((p - expected).abs() < 1e-6, "{found:?}");
+            assert!((p - expected).abs() < 1e-9, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn no_other_probabilities_agree_better() {
+        let mut pairwise = [[0.0; CLASSES_MAX]; CLASSES_MAX];
+        for (a, b, r) in [(0, 1, 0.9), (0, 2, 0.4), (1, 2, 0.7)] {
+            (pairwise[a][b], pairwise[b][a]) = (r, 1.0 - r);
+        }
+        let cost = |p: &[f64]| -> f64 {
+            let term = |a: usize, b: usize| (pairwise[b][a] * p[a] - pairwise[a][b] * p[b]).powi(2);
+            term(0, 1) + term(0, 2) + term(1, 2)
+        };
+        let found = couple(&pairwise, 3);
+        for step in [[1e-3, -1e-3, 0.0], [0.0, 1e-3, -1e-3], [-1e-3, 0.0, 1e-3]] {
+            for sign in [1.0, -1.0] {
+                let moved: Vec<f64> = (0..3).map(|a| found[a] + sign * step[a]).collect();
+                assert!(cost(&moved) > cost(&found));
+            }
         }
     }
 
@@ -69,14 +110,17 @@ mod tests {
         let mut pairwise = [[0.0; CLASSES_MAX]; CLASSES_MAX];
         (pairwise[0][1], pairwise[1][0]) = (0.8, 0.2);
         let found = couple(&pairwise, 2);
-        assert!((found[0] - 0.8).abs() < 1e-6 && (found[1] - 0.2).abs() < 1e-6);
+        assert!((found[0] - 0.8).abs() < 1e-9 && (found[1] - 0.2).abs() < 1e-9);
     }
 
     #[test]
     fn contradicting_certainties_give_finite_probabilities() {
         let mut pairwise = [[0.0; CLASSES_MAX]; CLASSES_MAX];
         (pairwise[0][1], pairwise[1][2], pairwise[2][0]) = (1.0, 1.0, 1.0);
-        let found = couple(&pairwise, 3);
-        assert!(found.iter().all(|p| p.is_finite()) && (found.iter().sum::<f64>() - 1.0).abs() < 1e-9);
+        for classes in [0, 1, 3, CLASSES_MAX] {
+            let found = couple(&pairwise, classes);
+            assert!(found.iter().all(|p| p.is_finite() && *p >= 0.0));
+            assert!(classes == 0 || (found.iter().sum::<f64>() - 1.0).abs() < 1e-9);
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! The vibration process: pieces of vibration trigger, the terrain's class goes out.
 
-use messages::{TerrainClass, Vibration};
+use messages::{Status, TerrainClass, Vibration};
 use shell::Error;
 use std::process::ExitCode;
 use vibration::{Config, Model, VibrationClassifier};
@@ -14,9 +14,21 @@ fn main() -> ExitCode {
             }
             None => Model::built_in(),
         };
-        let mut classifier = VibrationClassifier::new(config, model);
+        let mut classifier = VibrationClassifier::new(&config, model);
         let mut vibration = shell.input::<Vibration>("vibration")?;
         let class = shell.output::<TerrainClass>("class")?;
-        shell.on_each(&mut vibration, &class, |piece| Ok(classifier.step(piece)))
+        let mut checked = false;
+        shell.on_each(&mut vibration, &class, |piece| {
+            if !checked && piece.header.status == Status::OK {
+                checked = true;
+                if let Err(why) = classifier.check_fit(piece) {
+                    match &config.model {
+                        Some(path) => return Err(Error::config(format!("{path}: {why}"))),
+                        None => eprintln!("{why}; train a model: terrasense vibration train"),
+                    }
+                }
+            }
+            Ok(classifier.step(piece))
+        })
     })
 }

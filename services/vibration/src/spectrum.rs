@@ -1,17 +1,21 @@
-//! Log power spectral density of a window by sine multitaper.
+//! Power and co-spectral densities of a window by sine multitaper.
 
+use realfft::num_complex::Complex;
 use realfft::{RealFftPlanner, RealToComplex};
-use rustfft::num_complex::Complex;
 use std::f64::consts::PI;
+use std::ops::Range;
 use std::sync::Arc;
 
-/// One-sided log PSD of windows of one length; all buffers prepared.
+/// Spectra of windows of one length, channel by channel; all buffers prepared.
 pub struct Spectrum {
     /// Taper by taper, one value a sample, unit energy.
     tapers: Vec<f64>,
-    rate_hz: f64,
+    taper_count: usize,
+    /// From a product of two transforms to a density.
+    scale: f64,
+    /// Channel by channel, bin by bin, taper by taper: the transforms.
+    transforms: Vec<Complex<f64>>,
     detrended: Vec<f64>,
-    power: Vec<f64>,
     fft: Arc<dyn RealToComplex<f64>>,
     input: Vec<f64>,
     output: Vec<Complex<f64>>,
@@ -19,15 +23,16 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
-    /// For windows of `samples` at `rate_hz`, averaged over `tapers` sine tapers.
+    /// For windows of `samples` of `channels` channels at `rate_hz`, averaged over `tapers` sine tapers.
     #[must_use]
-    pub fn new(samples: usize, rate_hz: f64, tapers: usize) -> Self {
+    pub fn new(channels: usize, samples: usize, rate_hz: f64, tapers: usize) -> Self {
         let fft = RealFftPlanner::new().plan_fft_forward(samples);
         Self {
             tapers: (1..=tapers).flat_map(|order| sine_taper(samples, order)).collect(),
-            rate_hz,
+            taper_count: tapers,
+            scale: 1.0 / (tapers as f64 * rate_hz),
+            transforms: vec![Complex::default(); channels * (samples / 2) * tapers],
             detrended: vec![0.0; samples],
-            power: vec![0.0; samples / 2],
             input: fft.make_input_vec(),
             output: fft.make_output_vec(),
             scratch: fft.make_scratch_vec(),
@@ -38,18 +43,19 @@ impl Spectrum {
     /// Frequency bins of one channel: 1 to half the window's samples; bin 0 goes with the trend.
     #[must_use]
     pub fn bins(&self) -> usize {
-        self.power.len()
+        self.detrended.len() / 2
     }
 
-    /// Writes log10 of the PSD [unit²/Hz] of one channel's window into `log_psd`, one value a bin.
-    /// Windows or outputs of another length than the prepared one are left alone.
-    pub fn log_psd(&mut self, window: &[f64], log_psd: &mut [f64]) {
-        if window.len() != self.detrended.len() || log_psd.len() != self.power.len() {
+    /// Takes in one channel of a window. Windows of another length than the prepared one are left alone.
+    pub fn take(&mut self, channel: usize, window: &[f64]) {
+        let (samples, tapers) = (self.detrended.len(), self.taper_count);
+        let size = self.bins() * tapers;
+        if window.len() != samples || (channel + 1) * size > self.transforms.len() {
             return;
         }
         detrend(window, &mut self.detrended);
-        self.power.fill(0.0);
-        for taper in self.tapers.chunks_exact(window.len()) {
+        let transforms = &mut self.transforms[channel * size..(channel + 1) * size];
+        for (index, taper) in self.tapers.chunks_exact(samples).enumerate() {
             for ((input, sample), weight) in self.input.iter_mut().zip(&self.detrended).zip(taper) {
                 *input = sample * weight;
             }
@@ -57,14 +63,27 @@ impl Spectrum {
             let _ = self
                 .fft
                 .process_with_scratch(&mut self.input, &mut self.output, &mut self.scratch);
-            for (power, bin) in self.power.iter_mut().zip(&self.output[1..]) {
-                *power += bin.norm_sqr();
+            for (bin, value) in transforms.chunks_exact_mut(tapers).zip(&self.output[1..]) {
+                bin[index] = *value;
             }
         }
-        let tapers = (self.tapers.len() / window.len()) as f64;
-        for (log, power) in log_psd.iter_mut().zip(&self.power) {
-            *log = (power / tapers / self.rate_hz).max(f64::MIN_POSITIVE).log10();
-        }
+    }
+
+    /// Mean over some bins (0 is the first above the trend) of the co-spectral density of two channels that were taken
+    /// in, in the product of their units per hertz; of a channel with itself, its power spectral density.
+    #[must_use]
+    pub fn density(&self, a: usize, b: usize, bins: Range<usize>) -> f64 {
+        let size = self.bins() * self.taper_count;
+        let part = |channel: usize| {
+            let start = channel * size;
+            &self.transforms[start + bins.start * self.taper_count..start + bins.end * self.taper_count]
+        };
+        let sum: f64 = part(a)
+            .iter()
+            .zip(part(b))
+            .map(|(x, y)| x.re * y.re + x.im * y.im)
+            .sum();
+        sum * self.scale / bins.len() as f64
     }
 }
 
@@ -91,35 +110,47 @@ fn detrend(window: &[f64], detrended: &mut [f64]) {
 mod tests {
     use super::*;
 
+    fn wave(samples: usize, step: usize) -> Vec<f64> {
+        (0..samples)
+            .map(|i| (i as f64 * 0.7).sin() + ((i * i * step) % 17) as f64)
+            .collect()
+    }
+
     /// The definition, term by term.
-    fn slow_log_psd(window: &[f64], rate_hz: f64, tapers: usize, bin: usize) -> f64 {
-        let mut detrended = window.to_vec();
-        detrend(window, &mut detrended);
-        let mut power = 0.0;
+    fn slow_density(windows: [&[f64]; 2], rate_hz: f64, tapers: usize, bin: usize) -> f64 {
+        let mut density = 0.0;
         for order in 1..=tapers {
-            let (mut re, mut im) = (0.0, 0.0);
-            for (index, (x, w)) in detrended.iter().zip(sine_taper(window.len(), order)).enumerate() {
-                let phase = 2.0 * PI * (bin * index) as f64 / window.len() as f64;
-                re += x * w * phase.cos();
-                im -= x * w * phase.sin();
-            }
-            power += (re * re + im * im) / rate_hz / tapers as f64;
+            let transforms = windows.map(|window| {
+                let mut detrended = window.to_vec();
+                detrend(window, &mut detrended);
+                let mut sum = Complex::new(0.0, 0.0);
+                for (index, (x, w)) in detrended.iter().zip(sine_taper(window.len(), order)).enumerate() {
+                    let phase = 2.0 * PI * (bin * index) as f64 / window.len() as f64;
+                    sum += x * w * Complex::new(phase.cos(), -phase.sin());
+                }
+                sum
+            });
+            density += (transforms[0] * transforms[1].conj()).re / rate_hz / tapers as f64;
         }
-        power.log10()
+        density
     }
 
     #[test]
-    fn the_spectrum_is_the_slow_sum_of_its_definition() {
+    fn a_density_is_the_slow_sum_of_its_definition() {
         for samples in [25, 64, 100] {
-            let window: Vec<f64> = (0..samples)
-                .map(|i| (i as f64 * 0.7).sin() + ((i * i) % 17) as f64)
-                .collect();
-            let mut spectrum = Spectrum::new(samples, 50.0, 5);
-            let mut log_psd = vec![0.0; samples / 2];
-            spectrum.log_psd(&window, &mut log_psd);
-            for (index, value) in log_psd.iter().enumerate() {
-                assert!((value - slow_log_psd(&window, 50.0, 5, index + 1)).abs() < 1e-10);
+            let windows = [wave(samples, 1), wave(samples, 3)];
+            let mut spectrum = Spectrum::new(2, samples, 50.0, 5);
+            spectrum.take(0, &windows[0]);
+            spectrum.take(1, &windows[1]);
+            for bin in 0..samples / 2 {
+                for (a, b) in [(0, 0), (1, 1), (0, 1)] {
+                    let expected = slow_density([&windows[a], &windows[b]], 50.0, 5, bin + 1);
+                    let found = spectrum.density(a, b, bin..bin + 1);
+                    assert!((found - expected).abs() < 1e-10 * (1.0 + expected.abs()));
+                }
             }
+            let mean = (spectrum.density(0, 1, 2..3) + spectrum.density(0, 1, 3..4)) / 2.0;
+            assert!((spectrum.density(0, 1, 2..4) - mean).abs() < 1e-12);
         }
     }
 

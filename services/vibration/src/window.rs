@@ -6,6 +6,10 @@ const MISSING_MAX: f64 = 0.05;
 const SATURATED_SHARE: f64 = 0.04;
 /// ... where they are this many times the samples at the next value: a sensor of coarse resolution repeats values too.
 const SATURATED_RATIO: f64 = 3.0;
+/// Periods that a sample may come late before one counts as missing.
+const LATE_MAX: f64 = 0.75;
+/// Periods that a sample may come early before it counts as one too many.
+const EARLY_MAX: f64 = 1.5;
 /// How fast the expected instants follow the measured ones.
 const PHASE_GAIN: f64 = 0.1;
 
@@ -61,22 +65,26 @@ impl Collector {
 
     /// How many places the sample taken at `taken_ns` needs: 1, and 1 more for each one missing before it; 0 where it
     /// comes too early to be one of its own. Starts a new window after a gap too long to repair, or where time runs
-    /// backwards.
+    /// backwards. Samples of one batch may carry the same instant.
     pub fn advance(&mut self, taken_ns: u64) -> usize {
         let Some(last_ns) = self.last_ns.replace(taken_ns) else {
             self.ahead_ns = self.period_ns;
             return 1;
         };
         let step_ns = taken_ns as f64 - last_ns as f64;
+        if step_ns == 0.0 {
+            self.ahead_ns += self.period_ns;
+            return 1;
+        }
         let late_ns = step_ns - self.ahead_ns;
-        let skipped = (late_ns / self.period_ns).round();
-        if step_ns <= 0.0 || skipped > MISSING_MAX * self.length as f64 {
+        let skipped = (late_ns / self.period_ns - LATE_MAX).ceil().max(0.0);
+        if step_ns < 0.0 || skipped > MISSING_MAX * self.length as f64 {
             self.clear();
             self.last_ns = Some(taken_ns);
             self.ahead_ns = self.period_ns;
             return 1;
         }
-        if skipped < 0.0 {
+        if late_ns < -EARLY_MAX * self.period_ns {
             self.surplus += 1;
             self.ahead_ns -= step_ns;
             return 0;
@@ -204,9 +212,22 @@ mod tests {
     #[test]
     fn a_missing_sample_leaves_its_place_empty() {
         let mut collector = Collector::new(1, 40, 10.0);
-        let places: Vec<usize> = [100, 110, 130, 139, 151, 152, 160]
-            .map(|t| collector.advance(t))
-            .to_vec();
-        assert_eq!(places, [1, 1, 2, 1, 1, 0, 1]);
+        let places = [100, 110, 130, 139, 151, 160, 181].map(|t| collector.advance(t));
+        assert_eq!(places, [1, 1, 2, 1, 1, 1, 2]);
+    }
+
+    #[test]
+    fn rounded_instants_and_batches_are_taken_as_they_come() {
+        let mut collector = Collector::new(1, 40, 7.8125);
+        assert!((0..1000_u64).all(|k| collector.advance((k as f64 * 0.78125).round() as u64 * 10) == 1));
+        let mut collector = Collector::new(1, 40, 10.0);
+        assert!((0..1000_u64).all(|k| collector.advance(k / 10 * 100) == 1));
+    }
+
+    #[test]
+    fn of_twice_as_many_samples_many_are_too_many() {
+        let mut collector = Collector::new(1, 40, 10.0);
+        let taken: usize = (0..1000_u64).map(|k| collector.advance(k * 5)).sum();
+        assert!((500..700).contains(&taken), "{taken}");
     }
 }

@@ -19,7 +19,7 @@ fn the_checked_in_model_is_what_the_example_prints() {
 #[test]
 fn the_default_rover_is_recognised_on_every_soil() {
     let rover = Rover::new(simulation::Config::default());
-    let mut classifier = VibrationClassifier::new(Config::default(), Model::built_in());
+    let mut classifier = VibrationClassifier::new(&Config::default(), Model::built_in());
     let mut piece = Vibration::new_box_zeroed().expect("memory");
     piece.period_ns = 10_000_000;
     piece.count = 10;

@@ -3,9 +3,9 @@
 #![allow(clippy::unwrap_used)]
 
 use messages::{CHANNELS_MAX, Message, SAMPLES_MAX, Status, TerrainClass, Vibration, label};
-use nalgebra::DMatrix;
-use vibration::spectrum::Spectrum;
-use vibration::train::{Setup, train};
+use vibration::model::{Filtering, Method, Rejecting};
+use vibration::recording::Recording;
+use vibration::train::{Setup, Trained, train};
 use vibration::{Config, Model, VibrationClassifier};
 use zerocopy::FromZeros;
 
@@ -52,8 +52,8 @@ impl Terrain {
     }
 }
 
-fn model(classes: usize) -> Model {
-    let setup = Setup {
+fn setup(classes: usize, method: Method) -> Setup {
+    Setup {
         labels: ["loam", "gravel", "rock"][..classes]
             .iter()
             .map(|name| (*name).to_owned())
@@ -61,26 +61,38 @@ fn model(classes: usize) -> Model {
         channels: CHANNELS[..2].iter().map(|name| (*name).to_owned()).collect(),
         rate_hz: RATE_HZ,
         window_samples: WINDOW,
-        tapers: 5,
-        still_m_s: 0.05,
-        components: 6,
-    };
-    let (mut rows, mut labels) = (Vec::new(), Vec::new());
-    let mut spectrum = Spectrum::new(WINDOW, RATE_HZ, 5);
-    for class in 0..classes {
-        let mut terrain = Terrain::new(class, 1);
-        for _ in 0..60 {
-            let samples: Vec<[f64; 3]> = (0..WINDOW).map(|_| terrain.next()).collect();
-            for channel in 0..2 {
-                let window: Vec<f64> = samples.iter().map(|sample| sample[channel]).collect();
-                let mut log_psd = vec![0.0; WINDOW / 2];
-                spectrum.log_psd(&window, &mut log_psd);
-                rows.extend(log_psd);
-            }
-            labels.push(class);
-        }
+        method,
+        filtering: Filtering::Hmm,
+        rejecting: Rejecting::Calibrated,
     }
-    train(&setup, &DMatrix::from_row_slice(labels.len(), WINDOW, &rows), &labels).unwrap()
+}
+
+/// Three recordings of 20 windows of each class.
+fn recordings(classes: usize) -> Vec<Recording> {
+    let one = |class: usize, seed: u64| {
+        let mut terrain = Terrain::new(class, seed);
+        let samples: Vec<[f64; 3]> = (0..20 * WINDOW).map(|_| terrain.next()).collect();
+        Recording {
+            run: format!("{class}_{seed}"),
+            class,
+            taken_ns: (0..samples.len() as u64).map(|index| index * PERIOD_NS).collect(),
+            channels: (0..2)
+                .map(|channel| samples.iter().map(|sample| sample[channel]).collect())
+                .collect(),
+            speed_m_s: samples.iter().map(|sample| sample[2]).collect(),
+        }
+    };
+    (0..classes)
+        .flat_map(|class| (1..4).map(move |seed| one(class, seed)))
+        .collect()
+}
+
+fn trained(classes: usize, method: Method) -> Trained {
+    train(&setup(classes, method), &recordings(classes), &mut |_, _| {}).unwrap()
+}
+
+fn model(classes: usize) -> Model {
+    trained(classes, Method::Coupled).model
 }
 
 /// The `index`-th piece of a drive: `PIECE` samples of all channels.
@@ -105,8 +117,18 @@ fn piece(terrain: &mut Terrain, index: u64) -> Box<Vibration> {
 }
 
 /// Drives `pieces` pieces over one terrain, each changed by `change`, and gives the answers.
-fn drive(class: usize, pieces: u64, mut change: impl FnMut(u64, &mut Vibration)) -> Vec<TerrainClass> {
-    let mut classifier = VibrationClassifier::new(Config::default(), model(3));
+fn drive(class: usize, pieces: u64, change: impl FnMut(u64, &mut Vibration)) -> Vec<TerrainClass> {
+    drive_with(&Config::default(), model(3), class, pieces, change)
+}
+
+fn drive_with(
+    config: &Config,
+    model: Model,
+    class: usize,
+    pieces: u64,
+    mut change: impl FnMut(u64, &mut Vibration),
+) -> Vec<TerrainClass> {
+    let mut classifier = VibrationClassifier::new(config, model);
     let mut terrain = Terrain::new(class, 77);
     (0..pieces)
         .map(|index| {
@@ -202,7 +224,7 @@ fn what_does_not_fit_the_model_is_rejected() {
     let bad = drive(0, 30, |_, piece| piece.header.status = Status::BAD_SAMPLE);
     assert_eq!(statuses(&bad), [Status::INPUT_REJECTED]);
 
-    let classifier = VibrationClassifier::new(Config::default(), model(2));
+    let classifier = VibrationClassifier::new(&Config::default(), model(2));
     let mut piece = piece(&mut Terrain::new(0, 1), 0);
     assert_eq!(classifier.check_fit(&piece), Ok(()));
     piece.channels[1] = label("angular_rate_x_rad_s");
@@ -244,7 +266,10 @@ fn a_jittering_clock_does_not_matter() {
 
 #[test]
 fn a_rover_that_stands_and_a_broken_channel_get_no_class() {
-    let stopped = drive(0, 30, |_, piece| piece.samples[2].fill(0.0));
+    let stopped = drive(0, 30, |_, piece| {
+        piece.samples[2].fill(0.0);
+        piece.samples[..2].iter_mut().flatten().for_each(|value| *value *= 0.01);
+    });
     assert_eq!(statuses(&stopped), [Status::WARMING_UP, Status::STANDING_STILL]);
     let dead = drive(0, 30, |_, piece| piece.samples[1].fill(0.25));
     assert_eq!(statuses(&dead), [Status::WARMING_UP, Status::SENSOR_FAULT]);
@@ -259,7 +284,7 @@ fn a_rover_that_stands_and_a_broken_channel_get_no_class() {
 #[test]
 fn no_bytes_make_it_panic() {
     let mut noise = Noise(3);
-    let mut classifier = VibrationClassifier::new(Config::default(), model(2));
+    let mut classifier = VibrationClassifier::new(&Config::default(), model(2));
     for round in 0..2000_u64 {
         let mut piece = piece(&mut Terrain::new(0, round), round);
         let mut wild = || (noise.next() * 2.0_f64.powi(66)) as u64;
@@ -287,12 +312,8 @@ fn a_model_file_with_a_mistake_says_what_is_wrong() {
     for (from, to, complaint) in [
         ("model/1", "model/9", "format must be"),
         ("\"gravel\"", "\"loam\"", "stands twice"),
-        ("rate_hz = 100.0", "rate_hz = -1.0", "rate_hz must be above 0"),
-        (
-            "window_samples = 100",
-            "window_samples = 50",
-            "must have 50 weights, has 100",
-        ),
+        ("rate_hz = 100.0", "rate_hz = -1.0", "rate_hz must be 0.001 to 1000000"),
+        ("window_samples = 100", "window_samples = 50", "weights, has"),
         ("tapers", "taper", "taper"),
         ("offset = ", "offset = nan # ", "not finite"),
     ] {
@@ -303,15 +324,63 @@ fn a_model_file_with_a_mistake_says_what_is_wrong() {
 
 #[test]
 fn a_class_without_windows_cannot_be_trained() {
-    let setup = Setup {
-        labels: vec!["loam".into(), "gravel".into()],
-        channels: vec!["acceleration_z_m_s2".into()],
-        rate_hz: RATE_HZ,
-        window_samples: WINDOW,
-        tapers: 5,
-        still_m_s: 0.05,
-        components: 6,
+    let complaint = train(&setup(2, Method::Paper), &recordings(1), &mut |_, _| {}).unwrap_err();
+    assert!(complaint.contains("class gravel has 0 usable windows"), "{complaint}");
+}
+
+#[test]
+fn the_papers_method_rejects_what_lies_outside_one_standard_deviation() {
+    let trained = trained(2, Method::Paper);
+    assert_eq!(trained.model.pairs.len(), 1);
+    assert_eq!(trained.model.reject.distance_max, 1.0);
+    let unknown = trained.validated.iter().filter(|window| window.alone.unknown).count() as f64;
+    // A normal variate lies outside with a probability of 0.317.
+    let share = unknown / trained.validated.len() as f64;
+    assert!((0.1..0.6).contains(&share), "{share}");
+}
+
+#[test]
+fn filter_and_rejection_can_be_switched_off() {
+    let config = Config {
+        filter: Some(Filtering::None),
+        reject: Some(Rejecting::None),
+        ..Config::default()
     };
-    let complaint = train(&setup, &DMatrix::zeros(20, 50), &[0; 20]).unwrap_err();
-    assert!(complaint.contains("loam and gravel"), "{complaint}");
+    let mut noise = Noise(9);
+    let answers = drive_with(&config, trained(3, Method::Paper).model, 0, 200, |_, piece| {
+        for value in &mut piece.samples[0] {
+            *value += 3.0 * noise.next() as f32;
+        }
+    });
+    assert!(
+        answers[9..]
+            .iter()
+            .all(|answer| answer.header.status == Status::OK && answer.unknown == 0)
+    );
+}
+
+#[test]
+fn the_filter_follows_a_change_of_terrain_within_seconds() {
+    let mut classifier = VibrationClassifier::new(&Config::default(), model(2));
+    let mut terrains = [Terrain::new(0, 5), Terrain::new(1, 6)];
+    let mut classes = Vec::new();
+    for index in 0..600 {
+        let terrain = &mut terrains[usize::from(index >= 300)];
+        classes.push(classifier.step(&piece(terrain, index)).class);
+    }
+    assert!(classes[50..300].iter().all(|class| *class == 0));
+    assert!(classes[350..].iter().all(|class| *class == 1));
+}
+
+#[test]
+fn validation_leaves_whole_recordings_out_and_counts_every_scored_window_once() {
+    let trained = trained(3, Method::Coupled);
+    let windows = trained.windows.iter().filter(|window| window.scored).count();
+    assert_eq!(trained.validated.len(), windows);
+    let right = trained
+        .validated
+        .iter()
+        .filter(|window| window.alone.class == window.alone.truth)
+        .count();
+    assert!(right * 100 > 95 * windows, "{right} of {windows}");
 }

@@ -6,7 +6,7 @@ use nalgebra::DMatrix;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use vibration::discriminant::{Discriminant, PairFit, fit_pair};
-use vibration::spectrum::Spectrum;
+use vibration::features::{Extractor, Features};
 
 const TOLERANCE: f64 = 1e-9;
 const SAMPLES: usize = 100;
@@ -46,18 +46,16 @@ fn features_of(folder: &Path, run: &str) -> Vec<Vec<f64>> {
         .skip(1)
         .map(|line| line.split(',').map(|cell| cell.parse().unwrap()).collect())
         .collect();
-    let mut spectrum = Spectrum::new(SAMPLES, 100.0, 5);
+    let mut extractor = Extractor::new(Features::every_bin(CHANNELS, 5), SAMPLES, 100.0);
     let mut windows = Vec::new();
     for window in rows.chunks_exact(SAMPLES) {
-        let speed = window.iter().map(|row| row[CHANNELS + 1]).sum::<f64>() / SAMPLES as f64;
-        if speed.abs() < 0.05 {
+        let column = |index: usize| -> Vec<f64> { window.iter().map(|row| row[index]).collect() };
+        if column(CHANNELS + 1).iter().sum::<f64>().abs() < 0.05 * SAMPLES as f64 {
             continue;
         }
-        let mut features = vec![0.0; CHANNELS * SAMPLES / 2];
-        for (channel, log_psd) in features.chunks_exact_mut(SAMPLES / 2).enumerate() {
-            let samples: Vec<f64> = window.iter().map(|row| row[channel + 1]).collect();
-            spectrum.log_psd(&samples, log_psd);
-        }
+        let channels: Vec<Vec<f64>> = (1..=CHANNELS).map(column).collect();
+        let mut features = vec![0.0; extractor.count()];
+        extractor.extract(|channel| &channels[channel], &mut features);
         windows.push(features);
     }
     windows
@@ -71,7 +69,7 @@ fn class_features(folder: &Path, golden: &Value, runs: &str, class: &str) -> Vec
 }
 
 fn matrix(windows: &[Vec<f64>]) -> DMatrix<f64> {
-    DMatrix::from_row_iterator(windows.len(), windows[0].len(), windows.iter().flatten().copied())
+    DMatrix::from_iterator(windows[0].len(), windows.len(), windows.iter().flatten().copied())
 }
 
 fn assert_training_is_golden(golden: &Value, fit: &PairFit) {
@@ -115,7 +113,7 @@ fn the_pair_of_the_golden_file_is_found_again() {
     let metrics = test.map(|windows| {
         windows
             .iter()
-            .map(|window| fit.discriminant.metric(window))
+            .map(|window| fit.discriminant.metric(window, 0.0))
             .collect::<Vec<_>>()
     });
     assert_close("d of a", &metrics[0][..10], &numbers(&golden["d_first10_test_a"]));
@@ -172,10 +170,11 @@ fn the_golden_file_agrees_with_itself() {
         class_mean: [class_mean[0], class_mean[1]],
         class_sigma: [1.0, 1.0],
         offset: weights.iter().zip(&mean).map(|(w, mu)| w * mu).sum(),
+        speed_weight: 0.0,
         weights,
     };
-    assert!(pair.metric(&mean).abs() < TOLERANCE);
+    assert!(pair.metric(&mean, 0.0).abs() < TOLERANCE);
     // The first training window is asphalt and lies nearer to it than to sandy loam.
-    let first = pair.metric(&numbers(&golden["first_feature_of_first_train_run"]));
+    let first = pair.metric(&numbers(&golden["first_feature_of_first_train_run"]), 0.0);
     assert!((first - class_mean[0]).abs() < (first - class_mean[1]).abs());
 }
