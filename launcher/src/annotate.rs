@@ -4,6 +4,7 @@ use crate::overlay;
 use clap::Args;
 use image::GrayImage;
 use shell::Error;
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -19,6 +20,15 @@ const RADII: (f64, f64) = (0.12, 0.6);
 const RATIOS: (f64, f64) = (0.6, 0.96);
 /// Votes over radius below which there is no circle: a perfect one has some 2π.
 const VOTES_MIN: f32 = 0.8;
+/// Circles with the most votes that are looked at, and pairs of circles that are settled.
+const CIRCLES: usize = 24;
+const PAIRS: usize = 4;
+/// Gray values of a step from which on it counts as a whole edge: no edge outshouts many.
+const STEP: f64 = 24.0;
+/// Sizes that differ by less are the same, relative to their mean.
+const SAME_SIZE: f64 = 0.015;
+/// Share of the usual strength below which a wheel is to be doubted.
+const WEAK: f64 = 0.7;
 /// Rays on which an edge is measured: all but those near straight down, where soil may be.
 const RAYS: usize = 180;
 const COSINE_MAX: f64 = 0.6;
@@ -53,12 +63,12 @@ pub fn run(arguments: &AnnotateArguments) -> Result<ExitCode, Error> {
     let pictures = pictures(folder)?;
     let shown = folder.join("overlay");
     std::fs::create_dir_all(&shown).map_err(|error| at(&shown, &error))?;
+    let wheels = agree(folder, &pictures)?;
     let mut text = String::from("file,taken_s,center_x_px,center_y_px,rim_radius_px,wheel_radius_px,pitch_rad\n");
     let mut missing = 0;
-    for (sequence, file) in pictures.iter().enumerate() {
+    for (sequence, (file, wheel)) in pictures.iter().zip(&wheels).enumerate() {
         let path = folder.join(file);
-        let picture = image::open(&path).map_err(|error| at(&path, &error))?;
-        let Some(wheel) = find(&picture.to_luma8()) else {
+        let Some(wheel) = wheel else {
             eprintln!("terrasense: {}: no wheel found; left out", path.display());
             missing += 1;
             continue;
@@ -69,8 +79,8 @@ pub fn run(arguments: &AnnotateArguments) -> Result<ExitCode, Error> {
             "{file},{taken_s:.6},{:.2},{:.2},{:.2},{:.2},0",
             wheel.center.0, wheel.center.1, wheel.rim_px, wheel.outer_px
         );
-        let mut picture = picture.into_rgb8();
-        overlay::draw(&mut picture, &row(file, sequence, &wheel), None);
+        let mut picture = image::open(&path).map_err(|error| at(&path, &error))?.into_rgb8();
+        overlay::draw(&mut picture, &row(file, sequence, wheel), None);
         let path = shown.join(file);
         picture.save(&path).map_err(|error| at(&path, &error))?;
     }
@@ -82,6 +92,80 @@ pub fn run(arguments: &AnnotateArguments) -> Result<ExitCode, Error> {
         shown.display()
     );
     Ok(ExitCode::from(u8::from(missing > 0)))
+}
+
+/// The wheel of each picture. Pictures of the same width and height show one wheel, at one distance: those that disagree
+/// with most of the others on its size are searched again for a wheel of theirs.
+fn agree(folder: &Path, files: &[String]) -> Result<Vec<Option<Wheel>>, Error> {
+    let open = |file: &String| {
+        let path = folder.join(file);
+        let picture = image::open(&path).map_err(|error| at(&path, &error))?;
+        Ok::<GrayImage, Error>(picture.into_luma8())
+    };
+    let mut wheels = Vec::new();
+    let mut groups: BTreeMap<(u32, u32), Vec<usize>> = BTreeMap::new();
+    for (index, file) in files.iter().enumerate() {
+        let picture = open(file)?;
+        groups.entry(picture.dimensions()).or_default().push(index);
+        wheels.push(find(&picture, None));
+    }
+    for members in groups.values().filter(|members| members.len() > 1) {
+        let found: Vec<Wheel> = members.iter().filter_map(|index| wheels[*index]).collect();
+        let Some(usual) = usual(&found) else {
+            eprintln!(
+                "terrasense: {}: no two pictures agree on the wheel's size",
+                folder.display()
+            );
+            continue;
+        };
+        for &index in members {
+            let before = wheels[index];
+            let agrees = before.is_some_and(|wheel| wheel.has_size_of(&usual));
+            let picture = open(&files[index])?;
+            let after = match before.filter(|_| agrees) {
+                Some(wheel) => Some(settle(
+                    &picture,
+                    Wheel {
+                        center: wheel.center,
+                        ..usual
+                    },
+                    false,
+                )),
+                None => find(&picture, Some(&usual)),
+            };
+            let doubted = after.is_some_and(|wheel| wheel.strength < WEAK * usual.strength);
+            let path = folder.join(&files[index]);
+            if doubted {
+                eprintln!("terrasense: {}: the wheel is hardly seen; check it", path.display());
+            } else if !agrees {
+                eprintln!(
+                    "terrasense: {}: disagreed on the wheel's size; searched again with that of the others, check it",
+                    path.display()
+                );
+            }
+            wheels[index] = after;
+        }
+    }
+    Ok(wheels)
+}
+
+/// The medians of the most wheels that agree on their size; `None` where no two do.
+fn usual(wheels: &[Wheel]) -> Option<Wheel> {
+    let alike = |wheel: &Wheel| wheels.iter().filter(|other| wheel.has_size_of(other)).count();
+    // The first of those with the most.
+    let middle = wheels.iter().rev().max_by_key(|wheel| alike(wheel))?;
+    let same: Vec<&Wheel> = wheels.iter().filter(|wheel| wheel.has_size_of(middle)).collect();
+    let median = |value: fn(&Wheel) -> f64| {
+        let mut values: Vec<f64> = same.iter().map(|wheel| value(wheel)).collect();
+        values.sort_by(f64::total_cmp);
+        0.5 * (values[(values.len() - 1) / 2] + values[values.len() / 2])
+    };
+    (same.len() > 1).then(|| Wheel {
+        center: (median(|wheel| wheel.center.0), median(|wheel| wheel.center.1)),
+        rim_px: median(|wheel| wheel.rim_px),
+        outer_px: median(|wheel| wheel.outer_px),
+        strength: median(|wheel| wheel.strength),
+    })
 }
 
 fn at(path: &Path, error: &dyn std::fmt::Display) -> Error {
@@ -123,10 +207,31 @@ struct Wheel {
     center: (f64, f64),
     rim_px: f64,
     outer_px: f64,
+    /// How much of the two circles is seen, 0 to 2.
+    strength: f64,
 }
 
-/// The pair of circles with the strongest edges: coarsely by votes in a small picture, then in the picture itself.
-fn find(picture: &GrayImage) -> Option<Wheel> {
+impl Wheel {
+    fn new(picture: &GrayImage, center: (f64, f64), rim_px: f64, outer_px: f64) -> Self {
+        // Between spokes the rim's inner edge is of one kind; outside there may be sky and ground.
+        let strength = edge(picture, center, rim_px).0.abs() + edge(picture, center, outer_px).1;
+        Self {
+            center,
+            rim_px,
+            outer_px,
+            strength,
+        }
+    }
+
+    fn has_size_of(&self, other: &Self) -> bool {
+        let alike = |a: f64, b: f64| (a - b).abs() < SAME_SIZE * (a + b);
+        alike(self.rim_px, other.rim_px) && alike(self.outer_px, other.outer_px)
+    }
+}
+
+/// The pair of circles that is seen best, or, where the size is known, the place: coarsely by votes in a small picture,
+/// then in the picture itself.
+fn find(picture: &GrayImage, size: Option<&Wheel>) -> Option<Wheel> {
     let (width, height) = picture.dimensions();
     let scale = (f64::from(width) / f64::from(SEARCH_PX)).max(1.0);
     let small = image::imageops::thumbnail(
@@ -134,37 +239,46 @@ fn find(picture: &GrayImage) -> Option<Wheel> {
         (f64::from(width) / scale) as u32,
         (f64::from(height) / scale) as u32,
     );
-    let (center, radius) = vote(&small)?;
-    let center = ((center.0 + 0.5) * scale - 0.5, (center.1 + 0.5) * scale - 0.5);
-    let (center, radius) = settle(picture, center, radius * scale, scale * CELL_PX as f64);
-    // The circle that was found is the rim's inner edge or the outer one: the stronger second circle decides.
-    let best = |from: f64, to: f64| {
-        let steps = ((to - from).abs() * radius).ceil() as usize;
-        (0..=steps)
-            .map(|k| radius * (from + (to - from) * k as f64 / steps.max(1) as f64))
-            .map(|other| (edge(picture, center, other), other))
-            .max_by(|a, b| a.0.total_cmp(&b.0))
-    };
-    let (inner, outer) = (best(RATIOS.0, RATIOS.1)?, best(1.0 / RATIOS.1, 1.0 / RATIOS.0)?);
-    let (rim_px, outer_px) = if inner.0 > outer.0 {
-        (inner.1, radius)
-    } else {
-        (radius, outer.1)
-    };
-    Some(Wheel {
-        center,
-        rim_px,
-        outer_px,
-    })
+    let mut candidates = Vec::new();
+    for (center, radius) in vote(&small) {
+        let center = ((center.0 + 0.5) * scale - 0.5, (center.1 + 0.5) * scale - 0.5);
+        match size {
+            Some(size) => candidates.push(Wheel::new(picture, center, size.rim_px, size.outer_px)),
+            None => candidates.extend(best_pair(picture, center, radius * scale)),
+        }
+    }
+    if let Some(size) = size {
+        candidates.push(Wheel::new(picture, size.center, size.rim_px, size.outer_px));
+    }
+    candidates.sort_by(|a, b| b.strength.total_cmp(&a.strength));
+    let settled = candidates
+        .into_iter()
+        .take(PAIRS)
+        .map(|wheel| settle(picture, wheel, size.is_none()));
+    settled.max_by(|a, b| a.strength.total_cmp(&b.strength))
 }
 
-/// Centre and radius that most edges point to: each votes along its gradient, both ways.
-fn vote(picture: &GrayImage) -> Option<((f64, f64), f64)> {
+/// The circle that was found is the rim's inner edge or the outer one: the second circle that is seen best decides.
+fn best_pair(picture: &GrayImage, center: (f64, f64), radius: f64) -> Option<Wheel> {
+    let steps = (1.5 * (RATIOS.1 - RATIOS.0) * radius.min(400.0)).ceil();
+    let ratios = (0..=steps as usize).map(|k| RATIOS.0 + (RATIOS.1 - RATIOS.0) * k as f64 / steps);
+    ratios
+        .flat_map(|ratio| {
+            [
+                Wheel::new(picture, center, radius, radius / ratio),
+                Wheel::new(picture, center, radius * ratio, radius),
+            ]
+        })
+        .max_by(|a, b| a.strength.total_cmp(&b.strength))
+}
+
+/// Centres and radii that most edges point to: each votes along its gradient, both ways.
+fn vote(picture: &GrayImage) -> Vec<((f64, f64), f64)> {
     let (width, height) = (picture.width() as usize, picture.height() as usize);
     let smaller = width.min(height) as f64;
     let (least, most) = ((RADII.0 * smaller) as usize, (RADII.1 * smaller) as usize);
     if least < 4 {
-        return None;
+        return Vec::new();
     }
     let gray = |x: usize, y: usize| f64::from(picture.get_pixel(x as u32, y as u32).0[0]);
     let mut edges = Vec::new();
@@ -192,41 +306,67 @@ fn vote(picture: &GrayImage) -> Option<((f64, f64), f64)> {
             }
         }
     }
-    let (k, most) = votes.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
-    let middle = |cell: usize| (cell * CELL_PX) as f64 + 0.5 * (CELL_PX - 1) as f64;
-    (*most > VOTES_MIN).then_some((
-        (middle(k % columns), middle(k / columns % rows)),
-        (k / (columns * rows) + least) as f64,
-    ))
+    strongest(&mut votes, columns, rows)
+        .into_iter()
+        .map(|(column, row, layer)| {
+            let middle = |cell: usize| (cell * CELL_PX) as f64 + 0.5 * (CELL_PX - 1) as f64;
+            ((middle(column), middle(row)), (layer + least) as f64)
+        })
+        .collect()
 }
 
-/// Moves centre and radius to where the edge is strongest, in ever smaller steps.
-fn settle(picture: &GrayImage, center: (f64, f64), radius: f64, reach: f64) -> ((f64, f64), f64) {
-    let start = radius;
-    let mut best = (edge(picture, center, radius), center, radius);
-    let mut step = 2.0 * reach;
-    while step > 0.1 {
-        let before = best;
-        for (x, y, r) in (0..27).map(|k| (k % 3, k / 3 % 3, k / 9)) {
-            let move_by = |k: i32| f64::from(k - 1) * step;
-            let center = (before.1.0 + move_by(x), before.1.1 + move_by(y));
-            let radius = before.2 + move_by(r);
-            let strength = edge(picture, center, radius);
-            // Smaller and smaller circles would end on a spoke.
-            if strength > best.0 && (radius / start - 1.0).abs() < 0.15 {
-                best = (strength, center, radius);
+/// Column, row and layer of the cells with the most votes, none a neighbour of another; takes the votes away.
+fn strongest(votes: &mut [f32], columns: usize, rows: usize) -> Vec<(usize, usize, usize)> {
+    let layers = votes.len() / (columns * rows);
+    let mut cells = Vec::new();
+    while cells.len() < CIRCLES {
+        let most = votes.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
+        let Some((k, _)) = most.filter(|(_, votes)| **votes > VOTES_MIN) else {
+            break;
+        };
+        let (column, row, layer) = (k % columns, k / columns % rows, k / (columns * rows));
+        cells.push((column, row, layer));
+        for layer in layer.saturating_sub(3)..(layer + 4).min(layers) {
+            for row in row.saturating_sub(1)..(row + 2).min(rows) {
+                let start = (layer * rows + row) * columns;
+                votes[start + column.saturating_sub(1)..start + (column + 2).min(columns)].fill(0.0);
             }
         }
-        if best.0 <= before.0 {
+    }
+    cells
+}
+
+/// Moves a wheel to where it is seen best, in ever smaller steps; its radii too where they are free.
+fn settle(picture: &GrayImage, wheel: Wheel, free: bool) -> Wheel {
+    let mut best = wheel;
+    let mut step = wheel.outer_px / 20.0;
+    let radii = if free { 3 } else { 1 };
+    while step > 0.1 {
+        let before = best;
+        for k in 0..9 * radii * radii {
+            let move_by = |k: i32, count: i32| f64::from(k - count / 2) * step;
+            let center = (
+                before.center.0 + move_by(k % 3, 3),
+                before.center.1 + move_by(k / 3 % 3, 3),
+            );
+            let rim_px = before.rim_px + move_by(k / 9 % radii, radii);
+            let outer_px = before.outer_px + move_by(k / 9 / radii, radii);
+            let moved = Wheel::new(picture, center, rim_px, outer_px);
+            if moved.strength > best.strength && (RATIOS.0..RATIOS.1).contains(&(rim_px / outer_px)) {
+                best = moved;
+            }
+        }
+        if best.strength <= before.strength {
             step *= 0.5;
         }
     }
-    (best.1, best.2)
+    best
 }
 
-/// Mean size of the step across a circle over the rays on which soil is seldom.
-fn edge(picture: &GrayImage, center: (f64, f64), radius: f64) -> f64 {
-    let (mut sum, mut count) = (0.0, 0.0);
+/// Mean step across a circle over the rays on which soil is seldom, -1 to 1, and mean size of the step.
+fn edge(picture: &GrayImage, center: (f64, f64), radius: f64) -> (f64, f64) {
+    let (mut sum, mut size, mut count) = (0.0, 0.0, 0.0);
+    let reach = (radius / 100.0).max(1.5);
     for k in 0..RAYS {
         let (sin, cos) = (std::f64::consts::TAU * k as f64 / RAYS as f64).sin_cos();
         if cos > COSINE_MAX {
@@ -239,11 +379,13 @@ fn edge(picture: &GrayImage, center: (f64, f64), radius: f64) -> f64 {
             pixel.filter(|_| inside).map(|pixel| f64::from(pixel.0[0]))
         };
         count += 1.0;
-        if let (Some(inner), Some(outer)) = (gray(radius - 1.5), gray(radius + 1.5)) {
-            sum += (outer - inner).abs();
+        if let (Some(inner), Some(outer)) = (gray(radius - reach), gray(radius + reach)) {
+            let step = ((outer - inner) / STEP).clamp(-1.0, 1.0);
+            sum += step;
+            size += step.abs();
         }
     }
-    sum / count
+    (sum / count, size / count)
 }
 
 #[cfg(test)]
@@ -263,7 +405,7 @@ mod tests {
                 _ => 90,
             }])
         });
-        let wheel = find(&picture).unwrap();
+        let wheel = find(&picture, None).unwrap();
         assert!(
             (wheel.center.0 - 310.0).abs() < 1.0 && (wheel.center.1 - 205.0).abs() < 1.0,
             "{wheel:?}"
@@ -277,7 +419,7 @@ mod tests {
     #[test]
     fn an_empty_picture_has_no_wheel() {
         for (width, height) in [(1, 1), (3, 2), (640, 480)] {
-            assert!(find(&GrayImage::new(width, height)).is_none());
+            assert!(find(&GrayImage::new(width, height), None).is_none());
         }
     }
 }
