@@ -12,6 +12,7 @@ pub mod contrast;
 pub mod filter;
 pub mod interface;
 pub mod posterior;
+pub mod profile;
 pub mod rim;
 pub mod ring;
 pub mod rows;
