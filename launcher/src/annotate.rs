@@ -393,27 +393,48 @@ mod tests {
     use super::*;
     use image::Luma;
 
+    /// A rim of 120 to 150 px, with soil below; what is nearer than 40 px to `decoy` is white, and black around.
+    fn drawn(center: (f64, f64), decoy: Option<(f64, f64)>) -> GrayImage {
+        GrayImage::from_fn(640, 480, |x, y| {
+            let from = |(column, row): (f64, f64)| (f64::from(x) - column).hypot(f64::from(y) - row);
+            let soil = y > 330;
+            Luma([match (from(center), decoy.map(from)) {
+                (_, Some(radius)) if radius < 70.0 => 255 * u8::from(radius > 50.0),
+                _ if soil => 120,
+                (radius, _) if radius < 120.0 => 80 - 50 * u8::from(decoy.is_none()),
+                (radius, _) if radius < 150.0 => 92 + 88 * u8::from(decoy.is_none()),
+                _ => 80,
+            }])
+        })
+    }
+
+    fn is_near(wheel: &Wheel, center: (f64, f64)) -> bool {
+        let off = (wheel.center.0 - center.0).hypot(wheel.center.1 - center.1);
+        off < 1.5 && (wheel.rim_px - 120.0).abs() < 1.5 && (wheel.outer_px - 150.0).abs() < 1.5
+    }
+
     #[test]
     fn a_drawn_wheel_is_found_to_a_pixel() {
-        let picture = GrayImage::from_fn(640, 480, |x, y| {
-            let radius = (f64::from(x) - 310.0).hypot(f64::from(y) - 205.0);
-            let soil = y > 330;
-            Luma([match radius {
-                _ if soil => 120,
-                r if r < 120.0 => 30,
-                r if r < 150.0 => 180,
-                _ => 90,
-            }])
-        });
-        let wheel = find(&picture, None).unwrap();
-        assert!(
-            (wheel.center.0 - 310.0).abs() < 1.0 && (wheel.center.1 - 205.0).abs() < 1.0,
-            "{wheel:?}"
-        );
-        assert!(
-            (wheel.rim_px - 120.0).abs() < 1.5 && (wheel.outer_px - 150.0).abs() < 1.5,
-            "{wheel:?}"
-        );
+        let wheel = find(&drawn((310.0, 205.0), None), None).unwrap();
+        assert!(is_near(&wheel, (310.0, 205.0)), "{wheel:?}");
+    }
+
+    #[test]
+    fn a_picture_that_disagrees_is_searched_for_the_wheel_of_the_others() {
+        let folder = tempfile::tempdir().unwrap();
+        let centers = [(310.0, 205.0), (318.0, 200.0), (330.0, 210.0)];
+        let files = ["a.png", "b.png", "c.png"].map(str::to_owned);
+        for (file, center) in files.iter().zip(centers) {
+            let decoy = (file == "c.png").then_some((90.0, 100.0));
+            let picture = drawn(center, decoy);
+            let alone = find(&picture, None).unwrap();
+            assert_eq!(is_near(&alone, center), decoy.is_none(), "{file}: {alone:?}");
+            picture.save(folder.path().join(file)).unwrap();
+        }
+        let wheels = agree(folder.path(), &files).unwrap();
+        for (wheel, center) in wheels.iter().zip(centers) {
+            assert!(is_near(wheel.as_ref().unwrap(), center), "{wheel:?} at {center:?}");
+        }
     }
 
     #[test]

@@ -12,7 +12,9 @@ const ROWS: Rgb<u8> = Rgb([90, 110, 130]);
 const INTERFACE: Rgb<u8> = Rgb([255, 60, 40]);
 const UNCERTAIN: Rgb<u8> = Rgb([255, 180, 0]);
 /// Rows that are drawn from the wheel's centre down to its lowest point.
-const ROWS_DRAWN: usize = 8;
+const ROWS_DRAWN: usize = 16;
+/// Widths of a line in the wheel's radius.
+const LINES: f64 = 120.0;
 /// Straight pieces of which a whole circle is drawn.
 const PIECES: usize = 360;
 
@@ -112,13 +114,22 @@ pub fn draw(picture: &mut RgbImage, row: &FrameRow, found: Option<Interface>) {
     let homography = row.homography.unwrap_or_else(|| {
         Frame::circle_homography(row.center_x_px, row.center_y_px, row.wheel_radius_px, row.pitch_rad)
     });
-    let mut pen = Pen { picture, homography };
-    for k in 1..=ROWS_DRAWN {
+    // `as` turns what is no number into 0.
+    let width = ((row.wheel_radius_px / LINES) as u32).clamp(1, 32);
+    let mut pen = Pen {
+        picture,
+        homography,
+        width,
+    };
+    let inner = row.rim_radius_px / row.wheel_radius_px;
+    for k in 1..ROWS_DRAWN {
         let z = k as f64 / ROWS_DRAWN as f64;
-        let x = (1.0 - z * z).max(0.0).sqrt();
-        pen.line((-x, z), (x, z), ROWS);
+        let within = |radius: f64| (radius * radius - z * z).max(0.0).sqrt();
+        for side in [-1.0, 1.0] {
+            pen.line((side * within(inner), z), (side * within(1.0), z), ROWS);
+        }
     }
-    for radius in [row.rim_radius_px / row.wheel_radius_px, 1.0] {
+    for radius in [inner, 1.0] {
         pen.arc(radius, 0.0, std::f64::consts::TAU, ANNULUS);
     }
     pen.line((0.0, 0.0), (0.0, 1.0), ANNULUS);
@@ -144,6 +155,8 @@ pub fn draw(picture: &mut RgbImage, row: &FrameRow, found: Option<Interface>) {
 struct Pen<'a> {
     picture: &'a mut RgbImage,
     homography: [f64; 9],
+    /// Of a line [px].
+    width: u32,
 }
 
 impl Pen<'_> {
@@ -168,8 +181,20 @@ impl Pen<'_> {
         let steps = (to.0 - from.0).abs().max((to.1 - from.1).abs()).ceil().clamp(1.0, 1e4);
         for k in 0..=steps as usize {
             let share = k as f64 / steps;
-            let column = (from.0 + share * (to.0 - from.0)).round();
-            let row = (from.1 + share * (to.1 - from.1)).round();
+            self.dot(
+                from.0 + share * (to.0 - from.0),
+                from.1 + share * (to.1 - from.1),
+                color,
+            );
+        }
+    }
+
+    /// A square as wide as a line.
+    fn dot(&mut self, column: f64, row: f64, color: Rgb<u8>) {
+        let half = f64::from((self.width - 1) / 2);
+        for k in 0..self.width * self.width {
+            let column = column.round() - half + f64::from(k % self.width);
+            let row = row.round() - half + f64::from(k / self.width);
             if column >= 0.0
                 && row >= 0.0
                 && let Some(pixel) = self.picture.get_pixel_mut_checked(column as u32, row as u32)

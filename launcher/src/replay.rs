@@ -36,7 +36,8 @@ pub struct ReplayArguments {
     #[arg(long, value_name = "ROVER.TOML")]
     system: Option<String>,
     /// Draw what was estimated: soil.svg shows cohesion and friction angle against time, with their 95 % bands, the changes
-    /// of soil that were found, and the truth if the traverse has a truth.csv.
+    /// of soil that were found, and the truth if the traverse has a truth.csv; sinkage.svg does so for the sinkage on either
+    /// side, and interface.svg shows the intensity and the score along the rim of one picture.
     #[arg(long)]
     plots: bool,
 }
@@ -67,7 +68,9 @@ pub fn run(arguments: &ReplayArguments) -> Result<ExitCode, Error> {
     std::fs::create_dir_all(&arguments.out)
         .map_err(|error| Error::data(format!("{}: {error}", arguments.out.display())))?;
     let mut recordings = BTreeMap::new();
-    remove_earlier(&arguments.out, figures::SOIL)?;
+    for figure in [figures::SOIL, figures::SINKAGE, figures::INTERFACE] {
+        remove_earlier(&arguments.out, figure)?;
+    }
     for (wire, about) in &system.wires {
         remove_earlier(&arguments.out, &format!("{}.csv", about.port.name()))?;
         recordings.insert(
@@ -98,12 +101,16 @@ pub fn run(arguments: &ReplayArguments) -> Result<ExitCode, Error> {
 fn draw(arguments: &ReplayArguments, parts: Parts) -> Result<(), Error> {
     let (folder, out) = (&arguments.traverse, &arguments.out);
     if arguments.plots {
-        match figures::soil(folder, out)? {
-            Some(path) => println!("{:<24} {:>13}  {}", "cohesion, friction", "plot", path.display()),
-            None => eprintln!("terrasense: nothing to plot: this replay has no soil.csv"),
+        let drawn = [
+            ("cohesion, friction", figures::soil(folder, out)?),
+            ("sinkage", figures::sinkage(folder, out)?),
+            ("interface", figures::interface(folder, out)?),
+        ];
+        for (what, path) in drawn.iter().filter_map(|(what, path)| Some((what, path.as_ref()?))) {
+            println!("{what:<24} {:>13}  {}", "plot", path.display());
         }
-        if let Some(path) = figures::sinkage(folder, out)? {
-            println!("{:<24} {:>13}  {}", "sinkage", "plot", path.display());
+        if drawn.iter().all(|(_, path)| path.is_none()) {
+            eprintln!("terrasense: nothing to plot: this replay has neither soil nor sinkage");
         }
     }
     if arguments.overlay && parts.frames {
