@@ -27,6 +27,8 @@ const PAIRS: usize = 4;
 const STEP: f64 = 24.0;
 /// Sizes that differ by less are the same, relative to their mean.
 const SAME_SIZE: f64 = 0.015;
+/// Strength below which there is no wheel.
+const STRENGTH_MIN: f64 = 0.6;
 /// Share of the usual strength below which a wheel is to be doubted.
 const WEAK: f64 = 0.7;
 /// Rays on which an edge is measured: all but those near straight down, where soil may be.
@@ -69,7 +71,12 @@ pub fn run(arguments: &AnnotateArguments) -> Result<ExitCode, Error> {
     for (sequence, (file, wheel)) in pictures.iter().zip(&wheels).enumerate() {
         let path = folder.join(file);
         let Some(wheel) = wheel else {
-            eprintln!("terrasense: {}: no wheel found; left out", path.display());
+            eprintln!(
+                "terrasense: {}: no wheel found of {} to {} of the picture's smaller side in radius; left out",
+                path.display(),
+                RADII.0,
+                RADII.1
+            );
             missing += 1;
             continue;
         };
@@ -255,7 +262,9 @@ fn find(picture: &GrayImage, size: Option<&Wheel>) -> Option<Wheel> {
         .into_iter()
         .take(PAIRS)
         .map(|wheel| settle(picture, wheel, size.is_none()));
-    settled.max_by(|a, b| a.strength.total_cmp(&b.strength))
+    settled
+        .max_by(|a, b| a.strength.total_cmp(&b.strength))
+        .filter(|wheel| wheel.strength >= STRENGTH_MIN)
 }
 
 /// The circle that was found is the rim's inner edge or the outer one: the second circle that is seen best decides.
