@@ -116,13 +116,15 @@ fn agree(folder: &Path, files: &[String]) -> Result<Vec<Option<Wheel>>, Error> {
         groups.entry(picture.dimensions()).or_default().push(index);
         wheels.push(find(&picture, None));
     }
-    for members in groups.values().filter(|members| members.len() > 1) {
+    for members in groups.values() {
         let found: Vec<Wheel> = members.iter().filter_map(|index| wheels[*index]).collect();
         let Some(usual) = usual(&found) else {
-            eprintln!(
-                "terrasense: {}: no two pictures agree on the wheel's size",
-                folder.display()
-            );
+            if found.len() > 1 {
+                eprintln!(
+                    "terrasense: {}: no two pictures agree on the wheel's size; check each",
+                    folder.display()
+                );
+            }
             continue;
         };
         for &index in members {
