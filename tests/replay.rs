@@ -121,3 +121,32 @@ fn plots_are_drawn_where_asked_for_and_an_earlier_one_does_not_stay() {
     assert_eq!(code, 0, "{text}");
     assert!(!out.join("soil.svg").exists());
 }
+
+#[test]
+fn pictures_give_figures_and_overlays_where_asked_for() {
+    let traverse = Traverse::with_pictures(1);
+    let (folder, out) = (traverse.folder.path(), traverse.path("out"));
+    let (code, text) = told(&[
+        "replay",
+        folder.to_str().unwrap(),
+        "--out",
+        out.to_str().unwrap(),
+        "--plots",
+        "--overlay",
+    ]);
+    assert_eq!(code, 0, "{text}");
+    for (figure, words) in [
+        ("sinkage.svg", "sinkage on the left"),
+        ("interface.svg", "filtered intensity, left"),
+    ] {
+        let svg = std::fs::read_to_string(out.join(figure)).unwrap();
+        assert!(svg.contains(words) && svg.trim_end().ends_with("</svg>"), "{figure}");
+    }
+    let frames = column(&std::fs::read_to_string(folder.join("frames.csv")).unwrap(), "file");
+    for file in &frames {
+        let name = std::path::Path::new(file).file_name().unwrap();
+        let png = std::fs::read(out.join("overlay").join(name)).unwrap();
+        assert!(png.starts_with(b"\x89PNG") && png.len() > 1000, "{file}");
+    }
+    assert_eq!(std::fs::read_dir(out.join("overlay")).unwrap().count(), frames.len());
+}

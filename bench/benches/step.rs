@@ -4,7 +4,7 @@ use bench::{Day, Options, Outcome, Report, Series};
 use clap::Parser;
 use messages::{Frame, Soil, TerrainClass};
 use shell::now_ns;
-use sinkage::SinkageTracker;
+use sinkage::{Method, SinkageTracker};
 use std::hint::black_box;
 use terrain::TerrainFusion;
 use terramechanics::{Estimator, SoilEstimator};
@@ -18,6 +18,8 @@ use zerocopy::FromZeros;
 const ROUNDS: usize = 5;
 /// Pictures that are worked on by turns: more than a cache holds.
 const PICTURES: usize = 32;
+/// Width and height of the largest picture that a frame holds, in the shape of a camera's.
+const LARGEST_PX: (u32, u32) = (1182, 887);
 /// Pictures in a round.
 const PICTURES_A_ROUND: usize = 160;
 
@@ -32,6 +34,9 @@ struct Times {
     clock: Series,
     render: Series,
     sinkage: Series,
+    sinkage_moving: Series,
+    sinkage_largest_change: Series,
+    sinkage_large: Series,
     terramechanics: Series,
     terramechanics_linear: Series,
     piece: Series,
@@ -45,11 +50,14 @@ fn main() -> Outcome<()> {
     let options = Arguments::parse().options;
     let mut report = Report::begin("step", &options);
     let day = Day::new();
-    let frames = day.frames(PICTURES);
+    let frames = Pictures::of(&day);
     let mut times = Times {
         clock: Series::new("reading the clock (part of every time below)"),
         render: Series::new("simulation: one VGA picture"),
-        sinkage: Series::new("sinkage: one VGA picture"),
+        sinkage: Series::new("sinkage: one VGA picture, the wheel where it was"),
+        sinkage_moving: Series::new("sinkage: one VGA picture, the wheel elsewhere in each"),
+        sinkage_largest_change: Series::new("sinkage, largest_change: one VGA picture"),
+        sinkage_large: Series::new("sinkage: the same wheel in the largest picture that a frame holds"),
         terramechanics: Series::new("terramechanics, full: a cycle, with its share of the solution over the window"),
         terramechanics_linear: Series::new("terramechanics, linear: a cycle"),
         piece: Series::new("vibration: a piece of 0.1 s"),
@@ -70,6 +78,9 @@ fn main() -> Outcome<()> {
         clock,
         render,
         sinkage,
+        sinkage_moving,
+        sinkage_largest_change,
+        sinkage_large,
         terramechanics,
         terramechanics_linear,
         piece,
@@ -84,6 +95,9 @@ fn main() -> Outcome<()> {
             clock,
             render,
             sinkage,
+            sinkage_moving,
+            sinkage_largest_change,
+            sinkage_large,
             terramechanics,
             terramechanics_linear,
             piece,
@@ -102,6 +116,9 @@ impl Times {
             clock,
             render,
             sinkage,
+            sinkage_moving,
+            sinkage_largest_change,
+            sinkage_large,
             terramechanics,
             terramechanics_linear,
             piece,
@@ -114,6 +131,9 @@ impl Times {
             clock,
             render,
             sinkage,
+            sinkage_moving,
+            sinkage_largest_change,
+            sinkage_large,
             terramechanics,
             terramechanics_linear,
             piece,
@@ -127,13 +147,26 @@ impl Times {
     }
 
     /// The stages that work on pictures.
-    fn pictures(&mut self, day: &Day, frames: &[Box<Frame>], count: usize) {
-        let mut tracker = SinkageTracker::new(sinkage::Config::default());
+    fn pictures(&mut self, day: &Day, frames: &Pictures, count: usize) {
+        let tracker = |method| {
+            SinkageTracker::new(sinkage::Config {
+                method,
+                ..sinkage::Config::default()
+            })
+        };
+        let [mut still, mut moving, mut large] = [(); 3].map(|()| tracker(Method::Contrast));
+        let mut largest_change = tracker(Method::LargestChange);
         let mut canvas = Frame::new_box_zeroed().expect("there is memory for a picture");
         for index in 0..count {
             self.clock.record(timed(|| ()).0);
-            let frame = &frames[index % frames.len()];
-            self.sinkage.record(timed(|| tracker.step(black_box(frame))).0);
+            let step = |series: &mut Series, tracker: &mut SinkageTracker, frames: &[Box<Frame>]| {
+                let frame = &frames[index % frames.len()];
+                series.record(timed(|| tracker.step(black_box(frame))).0);
+            };
+            step(&mut self.sinkage, &mut still, &frames.still);
+            step(&mut self.sinkage_moving, &mut moving, &frames.moving);
+            step(&mut self.sinkage_largest_change, &mut largest_change, &frames.still);
+            step(&mut self.sinkage_large, &mut large, &frames.large);
             let time_s = index as f64 * 0.123;
             self.render
                 .record(timed(|| day.rover.render(black_box(time_s), &mut canvas)).0);
@@ -218,6 +251,62 @@ impl Times {
         }
         classes
     }
+}
+
+/// What the camera sees, in three ways.
+struct Pictures {
+    /// The wheel is said to be where it is in the first.
+    still: Vec<Box<Frame>>,
+    /// The wheel is said to be elsewhere in each.
+    moving: Vec<Box<Frame>>,
+    /// The first ones, in the corner of a picture as large as a frame holds.
+    large: Vec<Box<Frame>>,
+}
+
+impl Pictures {
+    fn of(day: &Day) -> Self {
+        let (mut still, mut moving) = (day.frames(PICTURES), day.frames(PICTURES));
+        let first = &still[0];
+        let (x_px, y_px, pitch_rad) = (first.center_x_px, first.center_y_px, first.pitch_rad);
+        let homography = first.homography;
+        for (index, (still, moving)) in still.iter_mut().zip(&mut moving).enumerate() {
+            for frame in [&mut *still, &mut *moving] {
+                (frame.center_x_px, frame.center_y_px) = (x_px, y_px);
+                (frame.pitch_rad, frame.homography) = (pitch_rad, homography);
+            }
+            shift(moving, 0.5 * (index % 5) as f64, 0.5 * (index % 3) as f64);
+        }
+        let large = still.iter().map(|frame| enlarged(frame)).collect();
+        Self { still, moving, large }
+    }
+}
+
+/// Says that the wheel is further to the right and further down.
+fn shift(frame: &mut Frame, right_px: f64, down_px: f64) {
+    (frame.center_x_px, frame.center_y_px) = (frame.center_x_px + right_px, frame.center_y_px + down_px);
+    for column in 0..3 {
+        frame.homography[column] += right_px * frame.homography[6 + column];
+        frame.homography[3 + column] += down_px * frame.homography[6 + column];
+    }
+}
+
+/// The picture in the lower right of the largest that a frame holds.
+fn enlarged(frame: &Frame) -> Box<Frame> {
+    let mut large = Frame::new_box_zeroed().expect("there is memory for a picture");
+    large.header = frame.header;
+    (large.center_x_px, large.center_y_px) = (frame.center_x_px, frame.center_y_px);
+    (large.rim_radius_px, large.wheel_radius_px) = (frame.rim_radius_px, frame.wheel_radius_px);
+    (large.pitch_rad, large.homography) = (frame.pitch_rad, frame.homography);
+    (large.width, large.height) = LARGEST_PX;
+    let (width, columns) = (large.width as usize, frame.width as usize);
+    let (right, down) = (large.width - frame.width, large.height - frame.height);
+    large.pixels.fill(128);
+    let lines = large.pixels.chunks_exact_mut(width).skip(down as usize);
+    for (line, source) in lines.zip(frame.image().chunks_exact(columns)) {
+        line[width - columns..].copy_from_slice(source);
+    }
+    shift(&mut large, f64::from(right), f64::from(down));
+    large
 }
 
 /// How long `act` takes [ns], and its answer, which the compiler may not leave out.

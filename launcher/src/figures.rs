@@ -1,14 +1,24 @@
 //! The files of a replay's figures: reads its CSVs and the traverse's truth, and writes SVGs beside the CSVs.
 
-use crate::plots::{self, SoilRow, SoilTruth};
+use crate::plots::{self, SinkageRow, SoilRow, SoilTruth};
+use camera::PictureReader;
+use messages::Frame;
 use shell::Error;
+use sinkage::profile;
 use std::fs;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
-use traverse::Table;
+use traverse::{FrameRows, Table};
+use zerocopy::FromZeros;
 
 /// The figure of cohesion and friction angle.
 pub const SOIL: &str = "soil.svg";
+
+/// The figure of sinkage on either side.
+pub const SINKAGE: &str = "sinkage.svg";
+
+/// The figure of what one picture's sinkage rests on.
+pub const INTERFACE: &str = "interface.svg";
 
 /// Draws `soil.svg` from `soil.csv`; `None` where that has no rows.
 ///
@@ -60,6 +70,85 @@ pub fn soil(traverse: &Path, out: &Path) -> Result<Option<PathBuf>, Error> {
     let path = out.join(SOIL);
     fs::write(&path, svg).map_err(|error| Error::data(format!("{}: {error}", path.display())))?;
     Ok(Some(path))
+}
+
+/// Draws `sinkage.svg` from `sinkage.csv`; `None` where that has no rows. Truth has a row for each picture.
+///
+/// # Errors
+/// A file cannot be read or written.
+pub fn sinkage(traverse: &Path, out: &Path) -> Result<Option<PathBuf>, Error> {
+    let columns = ["taken_s", "left_rad", "left_sigma_rad", "right_rad", "right_sigma_rad"];
+    let mut rows = Vec::new();
+    read(&out.join("sinkage.csv"), columns, |values, status| {
+        let [taken_s, left_rad, left_sigma_rad, right_rad, right_sigma_rad] = values;
+        rows.push(SinkageRow {
+            taken_s,
+            angles_rad: [left_rad, right_rad],
+            sigmas_rad: [left_sigma_rad, right_sigma_rad],
+            ok: status == "ok",
+        });
+    })?;
+    if rows.is_empty() {
+        return Ok(None);
+    }
+    let mut truth = Vec::new();
+    read(&traverse.join("truth.csv"), ["left_rad", "right_rad"], |values, _| {
+        truth.push(values);
+    })?;
+    let svg = plots::sinkage(&rows, &truth).map_err(|error| Error::internal(format!("{SINKAGE}: {error}")))?;
+    let path = out.join(SINKAGE);
+    fs::write(&path, svg).map_err(|error| Error::data(format!("{}: {error}", path.display())))?;
+    Ok(Some(path))
+}
+
+/// Draws `interface.svg` of the picture in the middle of those with the status ok, or of all; `None` where no picture
+/// shows a rim.
+///
+/// # Errors
+/// A file cannot be read or written.
+pub fn interface(traverse: &Path, out: &Path) -> Result<Option<PathBuf>, Error> {
+    let mut answers = Vec::new();
+    let columns = ["sequence", "left_rad", "right_rad"];
+    read(
+        &out.join("sinkage.csv"),
+        columns,
+        |[sequence, left_rad, right_rad], status| {
+            answers.push((status == "ok", sequence as u64, [left_rad, right_rad]));
+        },
+    )?;
+    let sure = answers.iter().filter(|answer| answer.0).count();
+    let mut candidates = answers.iter().filter(|answer| answer.0 || sure == 0);
+    let middle = if sure == 0 { answers.len() } else { sure } / 2;
+    let Some(&(_, sequence, angles_rad)) = candidates.nth(middle) else {
+        return Ok(None);
+    };
+    let table = traverse.join("frames.csv");
+    if !table.is_file() {
+        return Ok(None);
+    }
+    let failed = |path: &Path, error: &dyn std::fmt::Display| Error::data(format!("{}: {error}", path.display()));
+    let bytes = fs::read(&table).map_err(|error| failed(&table, &error))?;
+    let rows = FrameRows::open("frames.csv", Box::new(Cursor::new(bytes))).map_err(|error| failed(traverse, &error))?;
+    for row in rows {
+        let row = row.map_err(|error| failed(traverse, &error))?;
+        if row.sequence != sequence {
+            continue;
+        }
+        let picture = traverse.join(&row.file);
+        let png = fs::read(&picture).map_err(|error| failed(&picture, &error))?;
+        let mut frame = Frame::new_box_zeroed().map_err(|_| Error::internal("no memory for a picture"))?;
+        let filled = PictureReader::default().fill(&row, &png, &mut frame);
+        filled.map_err(|error| failed(&picture, &error))?;
+        let Some(profiles) = profile::profiles(&frame) else {
+            return Ok(None);
+        };
+        let svg = plots::interface(&row.file, &profiles, angles_rad);
+        let svg = svg.map_err(|error| Error::internal(format!("{INTERFACE}: {error}")))?;
+        let path = out.join(INTERFACE);
+        fs::write(&path, svg).map_err(|error| failed(&path, &error))?;
+        return Ok(Some(path));
+    }
+    Ok(None)
 }
 
 /// Hands on these columns of each row and its status, if it has one. No file, a file without rows, and a file without
@@ -126,6 +215,22 @@ mod tests {
     fn without_rows_nothing_is_drawn() {
         assert_eq!(drawn("", ""), Ok(None));
         assert_eq!(drawn(SOIL_CSV.lines().next().unwrap(), ""), Ok(None));
+    }
+
+    #[test]
+    fn sinkage_is_drawn_with_the_truth_of_its_pictures() {
+        let folder = tempfile::tempdir().unwrap();
+        let csv = "taken_s,sequence,status,left_rad,left_sigma_rad,right_rad,right_sigma_rad\n\
+                   1,0,ok,0.5,0.01,0.6,0.01\n1.5,1,uncertain,0.6,0.1,,\n";
+        fs::write(folder.path().join("sinkage.csv"), csv).unwrap();
+        fs::write(
+            folder.path().join("truth.csv"),
+            "file,left_rad,right_rad\na,0.5,0.6\nb,0.6,0.7\n",
+        )
+        .unwrap();
+        let path = sinkage(folder.path(), folder.path()).unwrap().unwrap();
+        let svg = fs::read_to_string(path).unwrap();
+        assert!(svg.contains("truth") && svg.contains("sinkage on the left"));
     }
 
     #[test]

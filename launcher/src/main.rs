@@ -1,9 +1,11 @@
 //! The `terrasense` command.
 
+mod annotate;
 mod commands;
 mod demo;
 mod doctor;
 mod figures;
+mod overlay;
 mod plots;
 mod policy;
 mod process;
@@ -42,6 +44,8 @@ enum Command {
     Up(commands::UpArguments),
     /// Runs the system over a recorded traverse, without loss, and writes one CSV a wire. Two replays give the same bytes.
     Replay(replay::ReplayArguments),
+    /// Finds the wheel in a folder of one's own pictures and writes their frames.csv, with overlays to check.
+    Annotate(annotate::AnnotateArguments),
     /// Writes a traverse folder of the simulated rover, with the truth beside it.
     Simulate(simulate::SimulateArguments),
     /// Trains and tries the terrain classifier on recordings of one's own vehicle.
@@ -83,6 +87,7 @@ fn run(command: Command) -> Result<ExitCode, Error> {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Up(arguments) => commands::up(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
+        Command::Annotate(arguments) => annotate::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Vibration(command) => vibration::run(&command),
         Command::Status(arguments) => status::run(&arguments),

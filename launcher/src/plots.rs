@@ -5,6 +5,7 @@ use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
 use plotters::element::DashedPathElement;
 use plotters::prelude::*;
+use sinkage::profile::Profile;
 use std::ops::Range;
 
 /// Half of a 95 % interval, in standard deviations.
@@ -71,11 +72,13 @@ pub fn soil(rows: &[SoilRow], truth: &[SoilTruth]) -> Result<String, DrawError> 
     let panels = [
         Panel {
             title: "cohesion [kPa]",
+            guesses: false,
             estimates: estimates(|row| (row.cohesion_pa / 1e3, row.cohesion_sigma_pa / 1e3)),
             truth: known(|row| row.cohesion_pa / 1e3),
         },
         Panel {
             title: "friction angle [deg]",
+            guesses: false,
             estimates: estimates(|row| (row.friction_rad.to_degrees(), row.friction_sigma_rad.to_degrees())),
             truth: known(|row| row.friction_rad.to_degrees()),
         },
@@ -83,6 +86,108 @@ pub fn soil(rows: &[SoilRow], truth: &[SoilTruth]) -> Result<String, DrawError> 
     let grown = rows.windows(2).filter(|pair| pair[1].resets > pair[0].resets);
     let changes_s: Vec<f64> = grown.map(|pair| pair[1].taken_s - start_s).collect();
     stacked(&panels, &changes_s, "change of soil")
+}
+
+/// A row of `sinkage.csv`, left then right; what is missing is NaN.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SinkageRow {
+    pub taken_s: f64,
+    pub angles_rad: [f64; 2],
+    pub sigmas_rad: [f64; 2],
+    /// The status is `ok`.
+    pub ok: bool,
+}
+
+/// Figures 5 and 7 of the paper: sinkage against time, on either side; `truth` has the angles of each row.
+pub fn sinkage(rows: &[SinkageRow], truth: &[[f64; 2]]) -> Result<String, DrawError> {
+    let start_s = rows.first().map_or(0.0, |row| row.taken_s);
+    // z = r (1 - cos θ)
+    let share = |angle_rad: f64| 100.0 * (1.0 - angle_rad.cos());
+    let panel = |side: usize, title| {
+        let estimate = |row: &SinkageRow| Estimate {
+            time_s: row.taken_s - start_s,
+            value: share(row.angles_rad[side]),
+            sigma: 100.0 * row.angles_rad[side].sin().abs() * row.sigmas_rad[side],
+            ok: row.ok,
+        };
+        let known = rows.iter().zip(truth);
+        Panel {
+            title,
+            guesses: true,
+            estimates: rows.iter().map(estimate).collect(),
+            truth: known
+                .map(|(row, angles)| (row.taken_s - start_s, share(angles[side])))
+                .collect(),
+        }
+    };
+    let panels = [
+        panel(0, "sinkage on the left [% of radius]"),
+        panel(1, "sinkage on the right [% of radius]"),
+    ];
+    stacked(&panels, &[], "")
+}
+
+/// Figure 3 of the paper: of one picture, intensity and score against the angle from straight down, left and right; the
+/// angles are what was found.
+pub fn interface(picture: &str, profiles: &[Profile; 2], angles_rad: [f64; 2]) -> Result<String, DrawError> {
+    let mut svg = String::new();
+    let root = SVGBackend::with_string(&mut svg, (WIDTH_PX, LEGEND_PX + 2 * PANEL_PX)).into_drawing_area();
+    root.fill(&WHITE)?;
+    let (top, rest) = root.split_vertically(LEGEND_PX);
+    let middle = LEGEND_PX as i32 / 2 + 8;
+    top.draw(&Text::new(picture.to_owned(), (146, middle - 12), FONT))?;
+    let mark = [
+        (WIDTH_PX as i32 - 360, middle - 18),
+        (WIDTH_PX as i32 - 360, middle + 18),
+    ];
+    top.draw(&PathElement::new(mark, thick(CHANGE)))?;
+    top.draw(&Text::new("interface found", (mark[0].0 + 20, middle - 12), FONT))?;
+    let [left, right] = profiles;
+    let curves = [
+        (&left.intensity, "filtered intensity, left", 0),
+        (&right.intensity, "filtered intensity, right", 1),
+        (&left.score, "probability, left", 0),
+        (&right.score, "probability, right", 1),
+    ];
+    for ((points, title, side), area) in curves.into_iter().zip(rest.split_evenly((2, 2))) {
+        draw_profile(&area, title, points, angles_rad[side])?;
+    }
+    root.present()?;
+    drop((top, rest, root));
+    Ok(svg)
+}
+
+/// One curve against the angle, and the angle that was found; `points` are in radians.
+fn draw_profile(area: &Area, title: &str, points: &[(f64, f64)], found_rad: f64) -> Result<(), DrawError> {
+    let limits = around(points.iter().map(|point| point.1), MARGIN);
+    let mut chart = ChartBuilder::on(area)
+        .margin(16)
+        .margin_right(40)
+        .x_label_area_size(90)
+        .y_label_area_size(130)
+        .build_cartesian_2d(0.0..90.0, limits.clone())?;
+    chart
+        .configure_mesh()
+        .x_desc("angle from straight down [deg]")
+        .y_desc(title)
+        .axis_desc_style(FONT)
+        .label_style(FONT)
+        .x_labels(7)
+        .y_labels(7)
+        .bold_line_style(GRID)
+        .light_line_style(TRANSPARENT)
+        .draw()?;
+    if found_rad.is_finite() {
+        let found_deg = found_rad.to_degrees().clamp(0.0, 90.0);
+        let line = [(found_deg, limits.start), (found_deg, limits.end)];
+        chart.draw_series([PathElement::new(line, thick(CHANGE))])?;
+    }
+    let curve: Vec<(f64, f64)> = points
+        .iter()
+        .map(|(angle, value)| (angle.to_degrees(), *value))
+        .collect();
+    chart.draw_series([PathElement::new(curve, thick(ESTIMATE))])?;
+    Ok(())
 }
 
 /// An estimate at an instant.
@@ -105,6 +210,8 @@ impl Estimate {
 #[derive(Clone, Debug)]
 struct Panel {
     title: &'static str,
+    /// Also the guesses whose status is not ok belong on the axis.
+    guesses: bool,
     estimates: Vec<Estimate>,
     truth: Vec<(f64, f64)>,
 }
@@ -182,7 +289,7 @@ fn draw_line(chart: &mut Chart, estimates: &[Estimate], limits: &Range<f64>) -> 
     for run in runs(estimates, |row| limits.contains(&row.value)) {
         let points: Vec<(f64, f64)> = run.iter().map(|row| (row.time_s, row.value)).collect();
         if let [point] = points[..] {
-            chart.draw_series([Circle::new(point, 3, colour(run).filled())])?;
+            chart.draw_series([Circle::new(point, 8, colour(run).filled())])?;
         } else {
             chart.draw_series([PathElement::new(points, thick(colour(run)))])?;
         }
@@ -258,10 +365,9 @@ fn limits(panel: &Panel) -> Range<f64> {
     edges.sort_by(f64::total_cmp);
     let skipped = (edges.len() as f64 * OUTSIDE / 2.0) as usize;
     let kept = &edges[skipped..edges.len() - skipped];
-    around(
-        kept.iter().copied().chain(panel.truth.iter().map(|point| point.1)),
-        MARGIN,
-    )
+    let guesses = panel.estimates.iter().filter(|_| panel.guesses).map(|row| row.value);
+    let truth = panel.truth.iter().map(|point| point.1);
+    around(kept.iter().copied().chain(guesses).chain(truth), MARGIN)
 }
 
 /// From the smallest to the largest finite value, with a margin relative to their distance; never empty.
@@ -355,6 +461,25 @@ mod tests {
     }
 
     #[test]
+    fn an_interface_is_marked_on_all_four_curves_where_it_was_found() {
+        let profile = Profile {
+            intensity: vec![(1.5, 180.0), (0.6, 170.0), (0.5, 90.0), (0.1, 80.0)],
+            score: vec![(1.5, 0.0), (0.55, 1.0), (0.1, 0.0)],
+        };
+        let empty = Profile {
+            intensity: Vec::new(),
+            score: Vec::new(),
+        };
+        let svg = interface("000.png", &[profile.clone(), profile.clone()], [0.55, 0.56]).unwrap();
+        assert_eq!(count(&svg, "polyline", ESTIMATE), 4);
+        assert_eq!(count(&svg, "polyline", CHANGE), 4 + 1);
+        assert!(svg.contains("000.png") && svg.contains("filtered intensity, left"));
+        let svg = interface("000.png", &[profile, empty], [0.55, f64::NAN]).unwrap();
+        assert_eq!(count(&svg, "polyline", CHANGE), 2 + 1);
+        assert!(!svg.contains("NaN"));
+    }
+
+    #[test]
     fn without_a_truth_there_is_no_truth_line() {
         let svg = soil(&rows(30), &[]).unwrap();
         assert!(!svg.contains("truth"));
@@ -437,9 +562,23 @@ mod tests {
         };
         Panel {
             title: "",
+            guesses: false,
             estimates: rows.iter().map(estimate).collect(),
             truth: Vec::new(),
         }
+    }
+
+    #[test]
+    fn a_guess_of_the_sinkage_is_on_the_axis() {
+        let row = |taken_s: f64, angle_rad: f64| SinkageRow {
+            taken_s,
+            angles_rad: [angle_rad; 2],
+            sigmas_rad: [0.01; 2],
+            ok: angle_rad > 0.2,
+        };
+        let svg = sinkage(&[row(0.0, 0.5), row(1.0, 0.5), row(2.0, 0.1), row(3.0, 0.1)], &[]).unwrap();
+        // In each panel; in the legend once.
+        assert_eq!(count(&svg, "polyline", DOUBTED), 2 + 1);
     }
 
     #[test]

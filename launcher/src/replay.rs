@@ -29,11 +29,15 @@ pub struct ReplayArguments {
     /// Where the CSVs go; made if it is not there.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    /// Writes the pictures with what was found in them into DIR/overlay.
+    #[arg(long)]
+    overlay: bool,
     /// A system file whose services replace the built-in ones.
     #[arg(long, value_name = "ROVER.TOML")]
     system: Option<String>,
     /// Draw what was estimated: soil.svg shows cohesion and friction angle against time, with their 95 % bands, the changes
-    /// of soil that were found, and the truth if the traverse has a truth.csv.
+    /// of soil that were found, and the truth if the traverse has a truth.csv; sinkage.svg does so for the sinkage on either
+    /// side, and interface.svg shows the intensity and the score along the rim of one picture.
     #[arg(long)]
     plots: bool,
 }
@@ -64,7 +68,9 @@ pub fn run(arguments: &ReplayArguments) -> Result<ExitCode, Error> {
     std::fs::create_dir_all(&arguments.out)
         .map_err(|error| Error::data(format!("{}: {error}", arguments.out.display())))?;
     let mut recordings = BTreeMap::new();
-    remove_earlier(&arguments.out, figures::SOIL)?;
+    for figure in [figures::SOIL, figures::SINKAGE, figures::INTERFACE] {
+        remove_earlier(&arguments.out, figure)?;
+    }
     for (wire, about) in &system.wires {
         remove_earlier(&arguments.out, &format!("{}.csv", about.port.name()))?;
         recordings.insert(
@@ -87,13 +93,31 @@ pub fn run(arguments: &ReplayArguments) -> Result<ExitCode, Error> {
         );
         recording.finish()?;
     }
+    draw(arguments, parts)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Figures and pictures, as far as they were asked for.
+fn draw(arguments: &ReplayArguments, parts: Parts) -> Result<(), Error> {
+    let (folder, out) = (&arguments.traverse, &arguments.out);
     if arguments.plots {
-        match figures::soil(folder, &arguments.out)? {
-            Some(path) => println!("{:<24} {:>13}  {}", "cohesion, friction", "plot", path.display()),
-            None => eprintln!("terrasense: nothing to plot: this replay has no soil.csv"),
+        let drawn = [
+            ("cohesion, friction", figures::soil(folder, out)?),
+            ("sinkage", figures::sinkage(folder, out)?),
+            ("interface", figures::interface(folder, out)?),
+        ];
+        for (what, path) in drawn.iter().filter_map(|(what, path)| Some((what, path.as_ref()?))) {
+            println!("{what:<24} {:>13}  {}", "plot", path.display());
+        }
+        if drawn.iter().all(|(_, path)| path.is_none()) {
+            eprintln!("terrasense: nothing to plot: this replay has neither soil nor sinkage");
         }
     }
-    Ok(ExitCode::SUCCESS)
+    if arguments.overlay && parts.frames {
+        let count = crate::overlay::write(folder, out)?;
+        println!("{:<24} {count:>8} PNGs  {}/overlay", "pictures", out.display());
+    }
+    Ok(())
 }
 
 /// Runs the system until every wire has come to its end.

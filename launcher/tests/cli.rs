@@ -17,6 +17,7 @@ fn help_names_every_command_and_the_exit_codes() {
         "up",
         "replay",
         "simulate",
+        "annotate",
         "vibration",
         "status",
         "validate",

@@ -2,28 +2,56 @@
 //!
 //! The method is §2 of Iagnemma, Brooks and Dubowsky, "Visual, Tactile, and Vibration-Based Terrain Analysis for
 //! Planetary Rovers", IEEE Aerospace 2004: along the rim, on either side of straight down, the soil begins at the row
-//! at which the mean intensity changes the most.
+//! at which the mean intensity changes the most. The default method goes on from there: it refines the wheel's centre,
+//! weighs the contrast along every line that the soil may make, and says how sure it is.
 
+pub mod annulus;
+pub mod cells;
+pub mod center;
+pub mod contrast;
+pub mod filter;
 pub mod interface;
+pub mod posterior;
+pub mod profile;
 pub mod rim;
+pub mod ring;
 pub mod rows;
+pub mod weights;
 
+use annulus::Annulus;
+use cells::{Cells, Sums};
+use center::Shift;
+use contrast::Contrast;
+use filter::Filter;
 use interface::Interface;
 use messages::{Frame, Sinkage, Status};
+use posterior::Posterior;
 use rim::Rim;
+use ring::Ring;
 use rows::Side;
 use serde::Deserialize;
+use weights::Weights;
 
 /// Share of a side's pixels that must be in the picture.
 const SHARE_MIN: f64 = 0.75;
+/// Log ratio of the strongest step along a side, below which it has no contrast.
+const CONTRAST_MIN: f32 = 0.02;
 /// Confidence below which an answer is a guess.
-const CONFIDENCE_MIN: f64 = 0.8;
+const CONFIDENCE_MIN: f64 = 0.75;
 
 /// Measures the sinkage in one picture after the other.
 #[derive(Clone, Debug)]
 pub struct SinkageTracker {
     config: Config,
     sides: [Side; 2],
+    cells: Box<[Cells; 2]>,
+    contrast: Box<Contrast>,
+    annulus: Annulus,
+    rings: [Ring; 2],
+    table: Box<[Sums; 256]>,
+    filter: Filter,
+    processor: pulp::Arch,
+    weights: Weights,
 }
 
 impl SinkageTracker {
@@ -33,19 +61,27 @@ impl SinkageTracker {
         Self {
             config,
             sides: [Side::EMPTY; 2],
+            cells: Box::new([Cells::EMPTY; 2]),
+            contrast: Contrast::new(),
+            annulus: Annulus::new(),
+            rings: [[0.0; rows::ROWS]; 2],
+            table: Box::new(cells::log_table()),
+            filter: Filter::NEW,
+            processor: pulp::Arch::new(),
+            weights: Weights::fitted(),
         }
     }
 
     /// The sinkage that `frame` shows: a side that cannot be seen is NaN, and so is all else where it is the entry.
     pub fn step(&mut self, frame: &Frame) -> Sinkage {
-        match self.interfaces(frame) {
-            Ok([left, right]) => self.sinkage(frame, left, right),
+        match self.find(frame) {
+            Ok(found) => self.sinkage(frame, found),
             Err(status) => Sinkage::unknown(frame.header.answer(status)),
         }
     }
 
-    /// Left and right interface of the frame, or why there is none.
-    fn interfaces(&mut self, frame: &Frame) -> Result<[Option<Interface>; 2], Status> {
+    /// What is in the picture, or why there is nothing.
+    fn find(&mut self, frame: &Frame) -> Result<Found, Status> {
         let image = frame.image();
         if !frame.header.status.is_answer() || image.is_empty() {
             return Err(Status::INPUT_REJECTED);
@@ -53,16 +89,62 @@ impl SinkageTracker {
         // A foreign writer can change the size at any time: only the pixels' number is relied on.
         let width = (frame.width as usize).clamp(1, image.len());
         let rim = Rim::locate(frame, width, image.len() / width)?;
-        rows::accumulate(image, width, &rim, &mut self.sides);
-        Ok(self.sides.each_ref().map(|side| {
-            let visible = side.pixels() >= SHARE_MIN * rim.side_px;
-            match self.config.method {
-                Method::LargestChange => Interface::find(side).filter(|_| visible),
+        match self.config.method {
+            Method::LargestChange => Ok(Found {
+                sides: self.largest_change(image, width, &rim),
+                center: None,
+            }),
+            Method::Contrast => {
+                let shift = Shift::find(image, width, frame);
+                let center = shift.and_then(|shift| rim::project(&frame.homography, shift.right, shift.down));
+                let rest = self
+                    .annulus
+                    .follow(&rim, shift.unwrap_or(Shift::NONE), width, image.len() / width);
+                let mut sides = self.strongest_contrast(image, frame.header.taken_ns, &rim);
+                for interface in sides.iter_mut().flatten() {
+                    // From the prepared rim to this one.
+                    interface.cosine = (interface.cosine - rest.down) / (1.0 + rest.growth);
+                    if shift.is_none() {
+                        // Without the rim's inner edge it may be no wheel at all.
+                        interface.confidence *= CONFIDENCE_MIN;
+                    }
+                }
+                Ok(Found { sides, center })
             }
-        }))
+        }
     }
 
-    fn sinkage(&self, frame: &Frame, left: Option<Interface>, right: Option<Interface>) -> Sinkage {
+    fn largest_change(&mut self, image: &[u8], width: usize, rim: &Rim) -> [Option<Interface>; 2] {
+        rows::accumulate(image, width, rim, &mut self.sides);
+        self.sides
+            .each_ref()
+            .map(|side| Interface::find(side).filter(|_| side.pixels() >= SHARE_MIN * rim.side_px))
+    }
+
+    fn strongest_contrast(&mut self, image: &[u8], taken_ns: u64, rim: &Rim) -> [Option<Interface>; 2] {
+        self.annulus
+            .measure(image, &self.table, &mut self.cells, &mut self.rings);
+        let mut sides = [0, 1].map(|side| {
+            let cells = &self.cells[side];
+            let visible = f64::from(cells.pixels()) >= SHARE_MIN * rim.side_px;
+            let measured = self.processor.dispatch(Measurement {
+                contrast: &mut self.contrast,
+                cells,
+                ring: &self.rings[side],
+                weights: &self.weights,
+            });
+            (visible && measured.0 >= CONTRAST_MIN).then_some(measured.1)
+        });
+        self.filter.expect(taken_ns, &mut sides);
+        if let [Some(left), Some(right)] = &mut sides {
+            Posterior::couple(left, right);
+        }
+        self.filter.observe(taken_ns, &sides);
+        sides.each_ref().map(|side| side.as_ref()?.interface(&self.weights))
+    }
+
+    fn sinkage(&self, frame: &Frame, found: Found) -> Sinkage {
+        let [left, right] = found.sides;
         let (entry, exit) = match self.config.rolls {
             Rolls::Right => (right, left),
             Rolls::Left => (left, right),
@@ -73,6 +155,9 @@ impl SinkageTracker {
             (Some(_), _) => Status::UNCERTAIN,
         };
         let mut sinkage = Sinkage::unknown(frame.header.answer(status));
+        if let Some((x_px, y_px)) = found.center {
+            (sinkage.center_x_px, sinkage.center_y_px) = (x_px, y_px);
+        }
         (sinkage.left_rad, sinkage.left_sigma_rad) = angle(left);
         (sinkage.right_rad, sinkage.right_sigma_rad) = angle(right);
         (sinkage.entry_rad, sinkage.entry_sigma_rad) = angle(entry);
@@ -85,6 +170,31 @@ impl SinkageTracker {
         }
         sinkage
     }
+}
+
+/// The loops of one side, compiled for several generations of processors.
+struct Measurement<'a> {
+    contrast: &'a mut Contrast,
+    cells: &'a Cells,
+    ring: &'a Ring,
+    weights: &'a Weights,
+}
+
+impl pulp::WithSimd for Measurement<'_> {
+    type Output = (f32, Posterior);
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Self::Output {
+        let largest = self.contrast.measure(self.cells, self.ring);
+        (largest, Posterior::new(self.contrast, self.weights))
+    }
+}
+
+/// Left and right interface, and the refined centre [px].
+#[derive(Clone, Copy, Debug)]
+struct Found {
+    sides: [Option<Interface>; 2],
+    center: Option<(f64, f64)>,
 }
 
 /// Angle from straight down at which an interface meets the outer circle, and its standard deviation.
@@ -113,7 +223,7 @@ impl Default for Config {
         Self {
             radius_m: 0.15,
             rolls: Rolls::Right,
-            method: Method::LargestChange,
+            method: Method::Contrast,
         }
     }
 }
@@ -148,6 +258,8 @@ pub enum Rolls {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
+    /// The line across which the rim's cells differ most consistently.
+    Contrast,
     /// The paper's: the row of the largest change of filtered intensity.
     LargestChange,
 }

@@ -16,6 +16,8 @@ const WIDTH_MIN_PX: f64 = 3.0;
 pub struct Rim {
     /// Pixels to the wheel-face plane, row by row, scaled such that the third coordinate is positive at the wheel.
     pub plane: [f64; 9],
+    /// The wheel-face plane to pixels.
+    pub image: [f64; 9],
     /// Inner radius of the annulus, in outer wheel radii.
     pub inner: f64,
     /// Outer radius of the annulus, in outer wheel radii.
@@ -24,6 +26,8 @@ pub struct Rim {
     pub columns: Range<usize>,
     /// Rows of the picture that can show the lower half of the annulus; empty where it lies outside.
     pub rows: Range<usize>,
+    /// Outer radius.
+    pub wheel_px: f64,
     /// Pixels that one side of the lower half would have if all of it were in the picture.
     pub side_px: f64,
 }
@@ -55,10 +59,12 @@ impl Rim {
         let side_px = std::f64::consts::FRAC_PI_4 * (outer * outer - inner * inner) * wheel_px * wheel_px;
         Ok(Self {
             plane,
+            image,
             inner,
             outer,
             columns,
             rows,
+            wheel_px,
             side_px,
         })
     }

@@ -3,6 +3,7 @@
 //! Whoever asks for the same instant gets the same answer: `camera` and `telemetry` need not talk to each other, and a
 //! service that starts again sees the world go on.
 
+pub mod conditions;
 mod forward;
 mod noise;
 mod picture;
@@ -209,7 +210,7 @@ impl Rover {
         let state = self.state(time_s);
         let soil = &SOILS[state.soil];
         let scene = Scene {
-            frame_index: (time_s * 1e3).round() as u64,
+            time_ms: (time_s * 1e3).round() as u64,
             left_rad: -state.exit_rad,
             right_rad: state.entry_rad,
             pitch_rad: state.pitch_rad,

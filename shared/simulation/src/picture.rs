@@ -3,6 +3,7 @@
 //! Every edge that an estimator looks for is where the scene says, to a fraction of a pixel: the outer circle, the rim's inner edge, and the soil
 //! line, which crosses the outer circle at the two contact angles. What lies around it (terrain, texture, noise) is there to be looked past.
 
+use crate::noise::hash;
 use messages::{Frame, PIXELS_MAX};
 use std::f64::consts::TAU;
 
@@ -22,8 +23,8 @@ pub(crate) struct Painter {
 /// What is to be seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Scene {
-    /// Grows from picture to picture (milliseconds): chooses the noise and the camera's shake.
-    pub frame_index: u64,
+    /// Instant [ms]: chooses the noise and the camera's shake.
+    pub time_ms: u64,
     /// Where the soil line meets the outer circle on the left, from `v_down`, positive to the left.
     pub left_rad: f64,
     /// The same on the right, positive to the right.
@@ -132,7 +133,7 @@ impl Painter {
                     soil_y: &soil_y,
                     hills_y: &hills_y,
                 };
-                let noise = &self.noise[self.row_noise(scene.frame_index, y) + first..];
+                let noise = &self.noise[self.row_noise(scene.time_ms, y) + first..];
                 for (k, (pixel, noise)) in row[columns.clone()].iter_mut().zip(noise).enumerate() {
                     *pixel = (strip.gray(k, &ground, &face, &soil) + noise + 0.5) as u8;
                 }
@@ -143,10 +144,10 @@ impl Painter {
     /// Where the wheel is in the picture: the camera shakes a little, smoothly.
     fn wheel(&self, scene: &Scene) -> WheelPose {
         let (width, height) = (f64::from(self.width), f64::from(self.height));
-        let beat = 0.03 * scene.frame_index as f64;
+        let time_s = 1e-3 * scene.time_ms as f64;
         let phase = TAU * uniform(self.seed, u64::MAX);
-        let shake_x = (0.13 * beat + phase).sin() + 0.5 * (0.31 * beat + 2.0 * phase).sin();
-        let shake_y = (0.17 * beat + 3.0 * phase).sin() + 0.5 * (0.37 * beat).cos();
+        let shake_x = (3.9 * time_s + phase).sin() + 0.5 * (9.3 * time_s + 2.0 * phase).sin();
+        let shake_y = (5.1 * time_s + 3.0 * phase).sin() + 0.5 * (11.1 * time_s).cos();
         WheelPose {
             center: (
                 width * 0.5 + 0.003 * height * shake_x,
@@ -157,8 +158,8 @@ impl Painter {
     }
 
     /// Where a row's noise begins in the table.
-    fn row_noise(&self, frame_index: u64, y: usize) -> usize {
-        (hash(hash(self.seed ^ frame_index).wrapping_add(y as u64)) % NOISE_STARTS) as usize
+    fn row_noise(&self, time_ms: u64, y: usize) -> usize {
+        (hash(hash(self.seed ^ time_ms).wrapping_add(y as u64)) % NOISE_STARTS) as usize
     }
 }
 
@@ -443,21 +444,13 @@ fn uniform(seed: u64, index: u64) -> f64 {
     (hash(hash(seed).wrapping_add(index)) >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-/// The finalizer of `SplitMix64` (Steele, Lea, Flood 2014).
-fn hash(value: u64) -> u64 {
-    let mut z = value.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    z ^ (z >> 31)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use messages::Message;
 
     const SCENE: Scene = Scene {
-        frame_index: 0,
+        time_ms: 0,
         left_rad: 0.5,
         right_rad: 0.6,
         pitch_rad: 0.0,
@@ -513,10 +506,10 @@ mod tests {
         ];
         for (index, (left_rad, right_rad)) in angles.into_iter().enumerate() {
             for pitch_rad in [-0.2, -0.03, 0.0, 0.1] {
-                let frame_index = 17 * index as u64;
+                let time_ms = 17 * index as u64;
                 let travelled_m = 0.123 * index as f64;
                 let scene = Scene {
-                    frame_index,
+                    time_ms,
                     left_rad,
                     right_rad,
                     pitch_rad,
@@ -569,13 +562,7 @@ mod tests {
         let first = painted(&painter, &SCENE);
         let again = painted(&Painter::new(3, 640, 480, 1.0), &SCENE);
         assert!(bytes(&*first) == bytes(&*again));
-        let next = painted(
-            &painter,
-            &Scene {
-                frame_index: 1,
-                ..SCENE
-            },
-        );
+        let next = painted(&painter, &Scene { time_ms: 1, ..SCENE });
         assert!(first.image() != next.image());
     }
 
@@ -595,7 +582,7 @@ mod tests {
             let painter = Painter::new(5, width, height, f64::NAN);
             for wild in [f64::NAN, f64::INFINITY, -1e300, 0.0, 1e300] {
                 let scene = Scene {
-                    frame_index: u64::MAX,
+                    time_ms: u64::MAX,
                     left_rad: wild,
                     right_rad: wild,
                     pitch_rad: wild,

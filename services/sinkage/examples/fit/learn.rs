@@ -1,0 +1,264 @@
+//! Conditional logit over lines, then a small hidden layer over the lines that it leaves: both by Adam.
+
+use sinkage::contrast::{Contrast, FIRST};
+use sinkage::posterior::{BINS, Posterior};
+use sinkage::rows::ROWS;
+use sinkage::weights::{FEATURES, UNITS, Unit, Weights};
+
+/// Distance from the truth at which a line counts e^-½, in outer radii.
+const NEAR: f32 = 0.006;
+/// Lines that score this much less than the best are left out of the second fit, as they are of the posterior.
+const SPAN: f32 = 12.0;
+/// What no side's likelihood falls below, so that a hopeless one does not lead the fit.
+const HOPELESS: f32 = 1e-3;
+
+/// One side of one frame.
+pub struct Side {
+    /// Cosine of the true angle.
+    pub truth: f32,
+    /// Features of each line.
+    pub lines: Vec<[f32; FEATURES]>,
+    /// Height at which each line meets the outer circle.
+    pub heights: Vec<f32>,
+}
+
+impl Side {
+    /// All lines that `contrast` has measured.
+    pub fn of(contrast: &Contrast, truth: f32) -> Self {
+        let mut side = Self {
+            truth,
+            lines: Vec::new(),
+            heights: Vec::new(),
+        };
+        for (tilt, known) in contrast.known.iter().enumerate() {
+            for row in (FIRST..ROWS).filter(|row| known[*row]) {
+                side.lines
+                    .push(std::array::from_fn(|k| contrast.features[tilt][k][row]));
+                side.heights.push(contrast.heights[tilt][row]);
+            }
+        }
+        side
+    }
+
+    /// Without the lines that the linear score rules out.
+    fn reduced(&self, weights: &Weights) -> Self {
+        let scores: Vec<f32> = self.lines.iter().map(|line| linear(weights, line)).collect();
+        let best = scores.iter().copied().fold(f32::MIN, f32::max);
+        let kept = |k: &usize| scores[*k] > best - SPAN;
+        Self {
+            truth: self.truth,
+            lines: (0..scores.len()).filter(kept).map(|k| self.lines[k]).collect(),
+            heights: (0..scores.len()).filter(kept).map(|k| self.heights[k]).collect(),
+        }
+    }
+}
+
+fn linear(weights: &Weights, line: &[f32; FEATURES]) -> f32 {
+    weights
+        .features
+        .iter()
+        .zip(line)
+        .map(|(weight, value)| weight * value)
+        .sum()
+}
+
+/// What the tracker makes of a side, line by line.
+pub fn posterior(side: &Side, weights: &Weights) -> Posterior {
+    let first: Vec<f32> = side.lines.iter().map(|line| linear(weights, line)).collect();
+    let floor = first.iter().copied().fold(f32::MIN, f32::max) - SPAN;
+    let unit = |unit: &Unit, line: &[f32; FEATURES]| {
+        let input: f32 = unit
+            .weights
+            .iter()
+            .zip(line)
+            .map(|(weight, value)| weight * value)
+            .sum();
+        unit.out * (unit.bias + input).max(0.0)
+    };
+    let hidden = |line: &[f32; FEATURES]| weights.units.iter().map(|it| unit(it, line)).sum::<f32>();
+    let lines = side
+        .lines
+        .iter()
+        .zip(&side.heights)
+        .zip(&first)
+        .filter(|(_, score)| **score > floor);
+    let scores: Vec<(f32, f32)> = lines
+        .map(|((line, height), score)| (*height, score + hidden(line)))
+        .collect();
+    let best = scores.iter().map(|(_, score)| *score).fold(f32::MIN, f32::max);
+    let mut posterior = Posterior { mass: [0.0; BINS] };
+    for (height, score) in scores {
+        posterior.mass[((height * BINS as f32) as usize).min(BINS - 1)] += (weights.temper * (score - best)).exp();
+    }
+    posterior.normalize();
+    posterior
+}
+
+const PARAMETERS: usize = FEATURES + UNITS * (FEATURES + 2);
+
+/// Fits weights to sides.
+pub fn fit(sides: &[Side], seed: u64) -> Weights {
+    let mut scale = [1e-6_f32; FEATURES];
+    let count: usize = sides.iter().map(|side| side.lines.len()).sum();
+    for line in sides.iter().flat_map(|side| &side.lines) {
+        for (scale, value) in scale.iter_mut().zip(line) {
+            *scale += value * value / count as f32;
+        }
+    }
+    let scale = scale.map(f32::sqrt);
+    let mut parameters = [0.0; PARAMETERS];
+    descend(sides, &scale, &mut parameters, false, seed, 30, 1e-3);
+    let weights = unpack(&parameters, &scale);
+    let reduced: Vec<Side> = sides.iter().map(|side| side.reduced(&weights)).collect();
+    let mut random = Random(seed);
+    for (k, parameter) in parameters.iter_mut().enumerate().skip(FEATURES) {
+        let within = (k - FEATURES) % (FEATURES + 2);
+        *parameter = if within == 0 { 0.0 } else { 0.6 * random.symmetric() };
+    }
+    descend(&reduced, &scale, &mut parameters, true, seed, 60, 3e-4);
+    unpack(&parameters, &scale)
+}
+
+fn unpack(parameters: &[f32; PARAMETERS], scale: &[f32; FEATURES]) -> Weights {
+    let (features, units) = parameters.split_at(FEATURES);
+    Weights {
+        features: std::array::from_fn(|k| features[k] / scale[k]),
+        units: std::array::from_fn(|unit| {
+            let unit = &units[unit * (FEATURES + 2)..];
+            Unit {
+                out: unit[0],
+                bias: unit[1],
+                weights: std::array::from_fn(|k| unit[2 + k] / scale[k]),
+            }
+        }),
+        bias: 0.0,
+        sigma: 0.006,
+        temper: 1.0,
+    }
+}
+
+/// Adam over batches of sides.
+fn descend(
+    sides: &[Side],
+    scale: &[f32; FEATURES],
+    parameters: &mut [f32; PARAMETERS],
+    hidden: bool,
+    seed: u64,
+    epochs: usize,
+    ridge: f32,
+) {
+    const BATCH: usize = 16;
+    let mut random = Random(seed ^ 0x5eed);
+    let (mut mean, mut square) = ([0.0_f32; PARAMETERS], [0.0_f32; PARAMETERS]);
+    let mut order: Vec<usize> = (0..sides.len()).collect();
+    let (mut step, steps) = (0, epochs * sides.len().div_ceil(BATCH));
+    for _ in 0..epochs {
+        for k in (1..order.len()).rev() {
+            order.swap(k, random.below(k + 1));
+        }
+        for batch in order.chunks(BATCH) {
+            let mut gradient = [0.0; PARAMETERS];
+            for side in batch {
+                accumulate(&sides[*side], scale, parameters, hidden, &mut gradient);
+            }
+            step += 1;
+            let rate = if hidden { 0.01 } else { 0.05 } * (1.0 - step as f32 / (steps as f32 + 1.0));
+            let (first, second) = (1.0 - 0.9_f32.powi(step), 1.0 - 0.99_f32.powi(step));
+            for k in 0..PARAMETERS {
+                let slope = gradient[k] / batch.len() as f32 + 2.0 * ridge * parameters[k];
+                mean[k] += 0.1 * (slope - mean[k]);
+                square[k] += 0.01 * (slope * slope - square[k]);
+                if hidden || k < FEATURES {
+                    parameters[k] -= rate * (mean[k] / first) / ((square[k] / second).sqrt() + 1e-8);
+                }
+            }
+        }
+    }
+}
+
+/// Adds the gradient of -ln(mass near the truth) of one side.
+fn accumulate(
+    side: &Side,
+    scale: &[f32; FEATURES],
+    parameters: &[f32; PARAMETERS],
+    hidden: bool,
+    gradient: &mut [f32; PARAMETERS],
+) {
+    let near: Vec<f32> = side
+        .heights
+        .iter()
+        .map(|height| (-0.5 * ((height - side.truth) / NEAR).powi(2)).exp())
+        .collect();
+    if !near.iter().any(|near| *near > 0.1) {
+        return;
+    }
+    let inverse = scale.map(f32::recip);
+    let lines: Vec<[f32; FEATURES]> = side
+        .lines
+        .iter()
+        .map(|line| std::array::from_fn(|k| line[k] * inverse[k]))
+        .collect();
+    let units = if hidden { UNITS } else { 0 };
+    let unit = |k: usize| &parameters[FEATURES + k * (FEATURES + 2)..][..FEATURES + 2];
+    let dot = |a: &[f32], b: &[f32; FEATURES]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
+    let mut active = vec![[0.0_f32; UNITS]; lines.len()];
+    let mut scores = vec![0.0_f32; lines.len()];
+    for ((line, active), score) in lines.iter().zip(&mut active).zip(&mut scores) {
+        *score = dot(&parameters[..FEATURES], line);
+        for (k, active) in active.iter_mut().enumerate().take(units) {
+            let unit = unit(k);
+            *active = (unit[1] + dot(&unit[2..], line)).max(0.0);
+            *score += unit[0] * *active;
+        }
+    }
+    let best = scores.iter().copied().fold(f32::MIN, f32::max);
+    let mut total = 0.0;
+    for score in &mut scores {
+        *score = (*score - best).exp();
+        total += *score;
+    }
+    let mass: f32 = scores.iter().zip(&near).map(|(p, near)| p / total * near).sum();
+    for (((line, active), score), near) in lines.iter().zip(&active).zip(&scores).zip(&near) {
+        let p = score / total;
+        let slope = -p * (near - mass) / (mass + HOPELESS);
+        if slope.abs() < 1e-7 {
+            continue;
+        }
+        for (gradient, value) in gradient.iter_mut().zip(line) {
+            *gradient += slope * value;
+        }
+        for k in 0..units {
+            let gradient = &mut gradient[FEATURES + k * (FEATURES + 2)..][..FEATURES + 2];
+            gradient[0] += slope * active[k];
+            if active[k] > 0.0 {
+                let slope = slope * unit(k)[0];
+                gradient[1] += slope;
+                for (gradient, value) in gradient[2..].iter_mut().zip(line) {
+                    *gradient += slope * value;
+                }
+            }
+        }
+    }
+}
+
+/// `SplitMix64`.
+struct Random(u64);
+
+impl Random {
+    fn bits(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ z >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ z >> 31
+    }
+
+    fn below(&mut self, end: usize) -> usize {
+        (self.bits() % end.max(1) as u64) as usize
+    }
+
+    /// Uniform in -1..1.
+    fn symmetric(&mut self) -> f32 {
+        (self.bits() >> 40) as f32 / (1 << 23) as f32 - 1.0
+    }
+}

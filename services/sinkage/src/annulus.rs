@@ -1,0 +1,65 @@
+//! The rim's pixels in the picture, prepared once for a wheel that stays where it is.
+
+use crate::cells::{Cells, Lookup, Sums};
+use crate::center::Shift;
+use crate::rim::Rim;
+use crate::ring::{Ring, RingLookup};
+
+/// How far the refined rim may be from the prepared one [px]: what remains is taken off the answer.
+const TOLERANCE_PX: f64 = 0.4;
+
+/// Which pixel counts for what.
+#[derive(Clone, Debug)]
+pub struct Annulus {
+    /// The rim as the frame gives it, the picture's width, and the shift that was prepared for.
+    prepared: Option<(Rim, usize, Shift)>,
+    cells: Lookup,
+    ring: RingLookup,
+}
+
+impl Annulus {
+    /// Without a rim.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            prepared: None,
+            cells: Lookup::new(),
+            ring: RingLookup::new(),
+        }
+    }
+
+    /// Prepares for the rim, shifted, if it is not the one prepared for. Gives what remains of the shift.
+    pub fn follow(&mut self, rim: &Rim, shift: Shift, width: usize, height: usize) -> Shift {
+        if let Some((known, known_width, done)) = &self.prepared
+            && known == rim
+            && *known_width == width
+        {
+            let rest = Shift {
+                right: shift.right - done.right,
+                down: shift.down - done.down,
+                growth: shift.growth - done.growth,
+            };
+            let most = rest.right.abs().max(rest.down.abs()).max(rest.growth.abs());
+            if most * rim.wheel_px <= TOLERANCE_PX {
+                return rest;
+            }
+        }
+        let moved = shift.applied(rim);
+        self.cells.prepare(&moved, width);
+        self.ring.prepare(&moved, width, height);
+        self.prepared = Some((rim.clone(), width, shift));
+        Shift::NONE
+    }
+
+    /// Sums up the cells and the steps across the outer edge: `[left, right]`.
+    pub fn measure(&self, image: &[u8], table: &[Sums; 256], cells: &mut [Cells; 2], rings: &mut [Ring; 2]) {
+        self.cells.accumulate(image, table, cells);
+        self.ring.measure(image, table, rings);
+    }
+}
+
+impl Default for Annulus {
+    fn default() -> Self {
+        Self::new()
+    }
+}

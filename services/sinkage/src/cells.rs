@@ -1,0 +1,216 @@
+//! The rim in cells: log gray values over rows of constant height and columns of constant distance from the middle.
+
+use crate::rim::Rim;
+use crate::rows::ROWS;
+use messages::PIXELS_MAX;
+use std::ops::Range;
+
+/// Columns from the middle of the wheel to its outermost point.
+pub const COLUMNS: usize = 16;
+/// Gray values below which the sensor's noise hides ratios.
+const DARK: f32 = 4.0;
+/// The same for the ratio of single pixels.
+const DARK_PIXEL: f32 = 16.0;
+/// About the logarithm of a middle gray: sums of what is left keep their digits.
+const MIDDLE: f32 = 4.0;
+/// Distance of the pixels whose ratio is the texture: neighbours are blurred into each other.
+const APART: usize = 2;
+/// Pixels whose cells are worked out together.
+const BLOCK: usize = 32;
+
+/// Pixels of a cell; the sums of their log gray values, of their squares, and of the squared differences of pixels side by side.
+pub type Sums = [f32; 4];
+
+/// One side of the lower half of the annulus.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cells {
+    /// Sums of each cell.
+    pub cells: [[Sums; ROWS]; COLUMNS],
+}
+
+impl Cells {
+    /// A side without a pixel.
+    pub const EMPTY: Self = Self {
+        cells: [[[0.0; 4]; ROWS]; COLUMNS],
+    };
+
+    /// Pixels of all cells.
+    #[must_use]
+    pub fn pixels(&self) -> f32 {
+        self.cells.as_flattened().iter().map(|sums| sums[0]).sum()
+    }
+}
+
+/// Of each gray value: 1, its logarithm, the square of that, and the logarithm that texture is told by.
+#[must_use]
+pub fn log_table() -> [Sums; 256] {
+    std::array::from_fn(|gray| {
+        let log = (gray as f32 + DARK).ln() - MIDDLE;
+        [1.0, log, log * log, (gray as f32 + DARK_PIXEL).ln()]
+    })
+}
+
+/// Pixels side by side in one cell.
+#[derive(Clone, Copy, Debug)]
+struct Run {
+    first: u32,
+    /// Of both sides, the left ones first.
+    cell: u16,
+    length: u8,
+    /// Where the pixels are that texture compares these with.
+    apart: i8,
+}
+
+/// Which pixel belongs to which cell: prepared once for a rim that stays where it is in the picture.
+#[derive(Clone, Debug)]
+pub struct Lookup {
+    runs: Vec<Run>,
+}
+
+impl Lookup {
+    /// Without a rim; memory for the worst one is set aside, and touched where a rim needs it.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            runs: Vec::with_capacity(PIXELS_MAX),
+        }
+    }
+
+    /// Prepares for a rim in a picture of rows of `width` pixels.
+    pub fn prepare(&mut self, rim: &Rim, width: usize) {
+        self.runs.clear();
+        for row in rim.rows.clone() {
+            for span in spans(rim, row) {
+                let mut first = span.start;
+                while first < span.end {
+                    let length = BLOCK.min(span.end - first);
+                    self.add(first, length, row, &span, rim, width);
+                    first += length;
+                }
+            }
+        }
+    }
+
+    /// Adds pixels of one row of the picture, from column `first` on.
+    fn add(&mut self, first: usize, length: usize, row: usize, span: &Range<usize>, rim: &Rim, width: usize) {
+        let [a, b, c, d, e, f, g, h, i] = rim.plane;
+        let (x, y) = (first as f64, row as f64);
+        let start = [a * x + b * y + c, d * x + e * y + f, g * x + h * y + i].map(|value| value as f32);
+        let step = [a as f32, d as f32, g as f32];
+        let mut cells = [0_u16; BLOCK];
+        for (k, cell) in cells.iter_mut().enumerate() {
+            let along = k as f32;
+            let scale = 1.0 / (start[2] + along * step[2]);
+            let right = (start[0] + along * step[0]) * scale;
+            let down = (start[1] + along * step[1]) * scale;
+            let column = ((right.abs() * COLUMNS as f32) as i32).clamp(0, COLUMNS as i32 - 1);
+            let height = ((down * ROWS as f32) as i32).clamp(0, ROWS as i32 - 1);
+            let side = if right >= 0.0 { COLUMNS as i32 } else { 0 };
+            *cell = ((side + column) * ROWS as i32 + height) as u16;
+        }
+        for (column, cell) in (first..).zip(&cells[..length]) {
+            // Within the span: what lies beyond it is no rim.
+            let apart = if column >= span.start + APART {
+                -(APART as i8)
+            } else {
+                APART as i8
+            };
+            let more = |run: &&mut Run| {
+                column > first && run.cell == *cell && run.apart == apart && usize::from(run.length) < BLOCK
+            };
+            if let Some(run) = self.runs.last_mut().filter(more) {
+                run.length += 1;
+            } else if self.runs.len() < self.runs.capacity() {
+                // Always so: a frame has no more pixels than that.
+                self.runs.push(Run {
+                    first: (row * width + column) as u32,
+                    cell: *cell,
+                    length: 1,
+                    apart,
+                });
+            }
+        }
+    }
+
+    /// Sums the picture's cells: `[left, right]`.
+    pub fn accumulate(&self, image: &[u8], table: &[Sums; 256], sides: &mut [Cells; 2]) {
+        for side in &mut *sides {
+            side.cells = Cells::EMPTY.cells;
+        }
+        let [left, right] = sides;
+        for run in &self.runs {
+            let (first, length) = (run.first as usize, usize::from(run.length));
+            let other = first.saturating_add_signed(isize::from(run.apart));
+            let (Some(pixels), Some(others)) = (image.get(first..first + length), image.get(other..other + length))
+            else {
+                continue;
+            };
+            let mut sums = [0.0; 4];
+            for (&gray, &other) in pixels.iter().zip(others) {
+                let [one, log, square, texture] = table[usize::from(gray)];
+                let step = texture - table[usize::from(other)][3];
+                for (sum, term) in sums.iter_mut().zip([one, log, square, step * step]) {
+                    *sum += term;
+                }
+            }
+            let cell = usize::from(run.cell);
+            let cells = if cell < COLUMNS * ROWS {
+                &mut left.cells
+            } else {
+                &mut right.cells
+            };
+            if let Some(cell) = cells.as_flattened_mut().get_mut(cell % (COLUMNS * ROWS)) {
+                for (sum, term) in cell.iter_mut().zip(sums) {
+                    *sum += term;
+                }
+            }
+        }
+    }
+}
+
+impl Default for Lookup {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// The columns of a row of the picture that show the lower half of the annulus: left and right of the wheel's inside.
+fn spans(rim: &Rim, row: usize) -> [Range<usize>; 2] {
+    let [a, b, c, d, e, f, g, h, i] = rim.plane;
+    let y = row as f64;
+    let (right, down, scale) = (b * y + c, e * y + f, h * y + i);
+    // (a x + right)² + (d x + down)² = radius² (g x + scale)²
+    let meets = |radius: f64| {
+        let q = radius * radius;
+        let (square, half, rest) = (
+            a * a + d * d - q * g * g,
+            a * right + d * down - q * g * scale,
+            right * right + down * down - q * scale * scale,
+        );
+        let root = (half * half - square * rest).sqrt();
+        (square > 0.0 && root.is_finite()).then(|| ((-half - root) / square, (-half + root) / square))
+    };
+    let Some((from, to)) = meets(rim.outer) else {
+        return [0..0, 0..0];
+    };
+    // d x + down >= 0
+    let level = -down / d;
+    let (from, to) = if d > 0.0 {
+        (from.max(level), to)
+    } else if d < 0.0 {
+        (from, to.min(level))
+    } else if down >= 0.0 {
+        (from, to)
+    } else {
+        return [0..0, 0..0];
+    };
+    // `as` saturates: what lies left of the picture becomes its first column.
+    let columns = |from: f64, to: f64| {
+        let start = (from.ceil() as usize).max(rim.columns.start);
+        start..(to.ceil() as usize).clamp(start, rim.columns.end.max(start))
+    };
+    match meets(rim.inner) {
+        Some((first, last)) => [columns(from, first.min(to)), columns(last.max(from), to)],
+        None => [columns(from, to), 0..0],
+    }
+}

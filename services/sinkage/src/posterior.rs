@@ -1,0 +1,200 @@
+//! Where a side's interface is, as a probability over the height at which it meets the outer circle.
+
+use crate::contrast::{Contrast, Features, TILTS};
+use crate::interface::Interface;
+use crate::rows::ROWS;
+use crate::weights::{FEATURES, Weights};
+use std::ops::Range;
+
+/// Bins of the height, from the wheel's centre to its lowest point.
+pub const BINS: usize = 320;
+/// Bins on either side of an answer that are the same answer: 0.0225 outer radii.
+const NEAR: usize = 7;
+/// Scores this far below the best have no probability.
+const SCORE_SPAN: f32 = 12.0;
+/// Rows whose scores are worked out together.
+const PART: usize = 16;
+
+/// Bins that the two sides are compared by.
+const GROUP: usize = 4;
+const GROUPS: usize = BINS / GROUP;
+/// Standard deviation of the difference of the two sides' heights, in outer radii.
+const LEVEL: f32 = 0.1;
+/// What the greatest difference costs, in the logarithm of the probability: there are steep grounds.
+const LEVEL_COST_MAX: f32 = 4.0;
+
+/// Probability of each bin.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Posterior {
+    /// Sums up to 1, or is 0 everywhere where no line is a candidate.
+    pub mass: [f32; BINS],
+}
+
+impl Posterior {
+    /// The softmax of the scores over all lines, summed up by the height at which they meet the circle.
+    #[must_use]
+    #[inline(always)]
+    pub fn new(contrast: &Contrast, weights: &Weights) -> Self {
+        let mut scores = [[f32::NEG_INFINITY; ROWS]; TILTS.len()];
+        let mut best = f32::NEG_INFINITY;
+        for (tilt, scores) in scores.iter_mut().enumerate() {
+            let sums = weighted(
+                &contrast.features[tilt],
+                &weights.features,
+                0.0,
+                contrast.rows[tilt].clone(),
+            );
+            for ((score, sum), known) in scores.iter_mut().zip(sums).zip(contrast.known[tilt]) {
+                if known {
+                    *score = sum;
+                    best = best.max(sum);
+                }
+            }
+        }
+        for (scores, features) in scores.iter_mut().zip(&contrast.features) {
+            for (part, scores) in scores.chunks_exact_mut(PART).enumerate() {
+                if scores.iter().any(|score| *score > best - SCORE_SPAN) {
+                    refine(scores, features, part * PART, best - SCORE_SPAN, weights);
+                }
+            }
+        }
+        let best = scores.as_flattened().iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let mut mass = [0.0; BINS];
+        for (score, height) in scores.as_flattened().iter().zip(contrast.heights.as_flattened()) {
+            let below = score - best;
+            if below > -SCORE_SPAN {
+                mass[((height * BINS as f32) as usize).min(BINS - 1)] += (weights.temper * below).exp();
+            }
+        }
+        let mut posterior = Self { mass };
+        posterior.normalize();
+        posterior
+    }
+
+    /// Probability of about this height.
+    #[must_use]
+    pub fn near(&self, height: f32) -> f32 {
+        let middle = ((height * BINS as f32) as usize).min(BINS - 1);
+        self.mass[middle.saturating_sub(NEAR)..(middle + NEAR + 1).min(BINS)]
+            .iter()
+            .sum()
+    }
+
+    /// Makes the probabilities sum up to 1.
+    pub fn normalize(&mut self) {
+        let total: f32 = self.mass.iter().sum();
+        if total > 0.0 {
+            let scale = 1.0 / total;
+            for mass in &mut self.mass {
+                *mass *= scale;
+            }
+        }
+    }
+
+    /// What either side says of the other: soil lies about level, so that its heights differ by [`LEVEL`].
+    pub fn couple(left: &mut Self, right: &mut Self) {
+        let sides = [left, right];
+        let coarse = sides.each_ref().map(|side| {
+            let mut groups = [0.0; GROUPS];
+            for (bin, mass) in side.mass.iter().enumerate() {
+                groups[bin / GROUP] += mass;
+            }
+            groups
+        });
+        let likelihood: [f32; GROUPS] = std::array::from_fn(|apart| {
+            let apart = (apart * GROUP) as f32 / BINS as f32 / LEVEL;
+            (-(0.5 * apart * apart).min(LEVEL_COST_MAX)).exp()
+        });
+        for (side, other) in sides.into_iter().zip([coarse[1], coarse[0]]) {
+            for (group, masses) in side.mass.chunks_exact_mut(GROUP).enumerate() {
+                let message: f32 = other
+                    .iter()
+                    .enumerate()
+                    .map(|(k, mass)| mass * likelihood[k.abs_diff(group)])
+                    .sum();
+                for mass in masses {
+                    *mass *= message;
+                }
+            }
+            side.normalize();
+        }
+    }
+
+    /// The window of the largest probability: its mean, its mass as the confidence, and a sigma that covers the rest.
+    #[must_use]
+    pub fn interface(&self, weights: &Weights) -> Option<Interface> {
+        let window = |middle: usize| &self.mass[middle.saturating_sub(NEAR)..(middle + NEAR + 1).min(BINS)];
+        let inside = |middle: usize| window(middle).iter().sum::<f32>();
+        let mean = |middle: usize| {
+            let first = middle.saturating_sub(NEAR);
+            let sum: f32 = window(middle)
+                .iter()
+                .enumerate()
+                .map(|(k, mass)| mass * ((first + k) as f32 + 0.5))
+                .sum();
+            sum / inside(middle) / BINS as f32
+        };
+        let mut best = (0, 0.0);
+        for middle in 0..BINS {
+            let mass = inside(middle);
+            if mass > best.1 {
+                best = (middle, mass);
+            }
+        }
+        if best.1 <= 0.0 {
+            return None;
+        }
+        // Once more about the mean, so that the window lies evenly about the answer.
+        let middle = ((mean(best.0) * BINS as f32) as usize).min(BINS - 1);
+        let (height, confidence) = (mean(middle), inside(middle));
+        let square = |k: usize, mass: f32| mass * ((k as f32 + 0.5) / BINS as f32 - height).powi(2);
+        let variance: f32 = self.mass.iter().enumerate().map(|(k, mass)| square(k, *mass)).sum();
+        Some(Interface {
+            cosine: f64::from(height - weights.bias),
+            sigma: f64::from(weights.sigma).hypot(f64::from(variance).sqrt()),
+            confidence: f64::from(confidence.min(1.0)),
+        })
+    }
+}
+
+/// `start` plus the weighted sum of the features of some rows.
+#[inline(always)]
+fn weighted(features: &Features, weights: &[f32; FEATURES], start: f32, rows: Range<usize>) -> [f32; ROWS] {
+    let mut sums = [start; ROWS];
+    for (feature, weight) in features.iter().zip(weights) {
+        for (sum, value) in sums[rows.clone()].iter_mut().zip(&feature[rows.clone()]) {
+            *sum += weight * value;
+        }
+    }
+    sums
+}
+
+/// Adds the hidden layer to the scores of some rows; those at or below `floor` are no candidates.
+#[inline(always)]
+fn refine(scores: &mut [f32], features: &Features, first: usize, floor: f32, weights: &Weights) {
+    let mut parts = [[0.0; PART]; FEATURES];
+    for (part, feature) in parts.iter_mut().zip(features) {
+        if let Some(values) = feature.get(first..first + PART) {
+            part.copy_from_slice(values);
+        }
+    }
+    let mut sums = [0.0; PART];
+    for unit in &weights.units {
+        let mut inputs = [unit.bias; PART];
+        for (part, weight) in parts.iter().zip(unit.weights) {
+            for (input, value) in inputs.iter_mut().zip(part) {
+                *input += weight * value;
+            }
+        }
+        for (sum, input) in sums.iter_mut().zip(inputs) {
+            *sum += unit.out * input.max(0.0);
+        }
+    }
+    for (score, sum) in scores.iter_mut().zip(sums) {
+        *score = if *score > floor {
+            *score + sum
+        } else {
+            f32::NEG_INFINITY
+        };
+    }
+}

@@ -1,0 +1,74 @@
+//! The wheel's outer edge: above the soil the rim ends at it, below it soil lies on either side.
+
+use crate::cells::Sums;
+use crate::rim::{Rim, project};
+use crate::rows::ROWS;
+
+/// Radii inside and outside the edge, in outer radii: far enough from it for a radius that is wrong by 0.5 %.
+const INSIDE: [f64; 3] = [0.955, 0.968, 0.981];
+const OUTSIDE: [f64; 3] = [1.019, 1.029, 1.039];
+const RADII: usize = INSIDE.len();
+/// A pixel outside of any picture.
+const NOWHERE: u32 = u32::MAX;
+
+/// Of each row of a side, the difference of the log gray values across the outer edge at its height.
+pub type Ring = [f32; ROWS];
+
+/// The pixels on either side of the outer edge: prepared once for a rim that stays where it is in the picture.
+#[derive(Clone, Debug)]
+pub struct RingLookup {
+    pixels: [[[u32; 2 * RADII]; ROWS]; 2],
+}
+
+impl RingLookup {
+    /// Without a rim.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            pixels: [[[NOWHERE; 2 * RADII]; ROWS]; 2],
+        }
+    }
+
+    /// Prepares for a rim in a picture of `width` by `height` pixels.
+    pub fn prepare(&mut self, rim: &Rim, width: usize, height: usize) {
+        for (side, sign) in self.pixels.iter_mut().zip([-1.0, 1.0]) {
+            for (row, pixels) in side.iter_mut().enumerate() {
+                let cos = (row as f64 + 0.5) / ROWS as f64;
+                let sin = sign * (1.0 - cos * cos).sqrt();
+                for (pixel, radius) in pixels.iter_mut().zip(INSIDE.into_iter().chain(OUTSIDE)) {
+                    *pixel = project(&rim.image, radius * sin, radius * cos)
+                        .map(|(column, row)| (column.round(), row.round()))
+                        .filter(|(column, row)| {
+                            (0.0..width as f64).contains(column) && (0.0..height as f64).contains(row)
+                        })
+                        .map_or(NOWHERE, |(column, row)| (row as usize * width + column as usize) as u32);
+                }
+            }
+        }
+    }
+
+    /// The differences of both sides, left first; 0 where a pixel lies outside of the picture.
+    pub fn measure(&self, image: &[u8], table: &[Sums; 256], rings: &mut [Ring; 2]) {
+        let log = |gray: u8| table[usize::from(gray)][1];
+        for (ring, pixels) in rings.iter_mut().zip(&self.pixels) {
+            for (step, pixels) in ring.iter_mut().zip(pixels) {
+                let mut sum = 0.0;
+                let mut all = true;
+                for (k, pixel) in pixels.iter().enumerate() {
+                    match image.get(*pixel as usize) {
+                        Some(gray) if k < RADII => sum += log(*gray),
+                        Some(gray) => sum -= log(*gray),
+                        None => all = false,
+                    }
+                }
+                *step = if all { (sum / RADII as f32).abs() } else { 0.0 };
+            }
+        }
+    }
+}
+
+impl Default for RingLookup {
+    fn default() -> Self {
+        Self::new()
+    }
+}
