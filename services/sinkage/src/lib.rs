@@ -36,7 +36,9 @@ const SHARE_MIN: f64 = 0.75;
 /// Log ratio of the strongest step along a side, below which it has no contrast.
 const CONTRAST_MIN: f32 = 0.02;
 /// Confidence below which an answer is a guess.
-const CONFIDENCE_MIN: f64 = 0.75;
+const CONFIDENCE_MIN: f64 = 0.7;
+/// Height of an interface above which a wheel would be stuck: more often it is the edge of a light than that of the soil.
+const COSINE_MIN: f64 = 0.62;
 
 /// Measures the sinkage in one picture after the other.
 #[derive(Clone, Debug)]
@@ -103,8 +105,8 @@ impl SinkageTracker {
                 for interface in sides.iter_mut().flatten() {
                     // From the prepared rim to this one.
                     interface.cosine = (interface.cosine - rest.down) / (1.0 + rest.growth);
-                    if shift.is_none() {
-                        // Without the rim's inner edge it may be no wheel at all.
+                    // Without the rim's inner edge it may be no wheel at all.
+                    if shift.is_none() || interface.cosine < COSINE_MIN {
                         interface.confidence *= CONFIDENCE_MIN;
                     }
                 }
