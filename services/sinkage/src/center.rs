@@ -12,7 +12,7 @@ const SAMPLE_PX: f64 = 0.5;
 /// Cosine of the angle from straight down below which soil seldom hides the inner edge.
 const COSINE_MAX: f64 = 0.72;
 /// Gray values between the rim and its inside, below which a ray says nothing.
-const STEP_MIN: f32 = 10.0;
+const STEP_MIN: f32 = 5.0;
 /// Rays that make a circle, by their weights.
 const RAYS_MIN: f64 = 32.0;
 const ITERATIONS: usize = 10;
