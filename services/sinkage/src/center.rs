@@ -4,7 +4,7 @@ use crate::rim::{Rim, project};
 use messages::Frame;
 
 /// Rays from the wheel's centre on which the edge is looked for.
-const RAYS: usize = 144;
+const RAYS: usize = 108;
 /// Samples along a ray, evenly about the edge's expected place.
 const SAMPLES: usize = 25;
 /// Distance of the samples [px].
@@ -14,7 +14,7 @@ const COSINE_MAX: f64 = 0.72;
 /// Gray values between the rim and its inside, below which a ray says nothing.
 const STEP_MIN: f32 = 5.0;
 /// Rays that make a circle, by their weights.
-const RAYS_MIN: f64 = 32.0;
+const RAYS_MIN: f64 = 24.0;
 const ITERATIONS: usize = 10;
 /// What the given geometry is known to: centre [px], radius (relative), and one ray's edge [px].
 const CENTER_SIGMA_PX: f64 = 1.5;
@@ -167,7 +167,7 @@ fn circle(edges: &[(f64, f64, f64)], pixel: f64) -> Option<[f64; 3]> {
             agreeing += weight;
             for i in 0..3 {
                 let weighted = weight * row[i];
-                for k in i..3 {
+                for k in 0..3 {
                     normal[i][k] += weighted * row[k];
                 }
                 right_side[i] += weighted * place;
@@ -175,9 +175,6 @@ fn circle(edges: &[(f64, f64, f64)], pixel: f64) -> Option<[f64; 3]> {
         }
         for k in 0..3 {
             normal[k][k] += prior[k];
-            for i in k + 1..3 {
-                normal[i][k] = normal[k][i];
-            }
         }
         found = solve(&normal, right_side)?;
         if iteration >= 2 {

@@ -127,10 +127,11 @@ impl Contrast {
             region_features(&self.regions, &whole, features);
             let heights = &self.heights[tilt];
             prior_features(slope, heights, features);
-            for row in rows {
-                let edge = edges[((heights[row] * ROWS as f32) as usize).min(ROWS - 1)];
-                for (k, value) in edge.into_iter().enumerate() {
-                    features[Feature::EdgeAbove as usize + k][row] = value;
+            let features = &mut features[Feature::EdgeAbove as usize..];
+            for (row, height) in rows.clone().zip(&heights[rows]) {
+                let edge = edges[((height * ROWS as f32) as usize).min(ROWS - 1)];
+                for (feature, value) in features.iter_mut().zip(edge) {
+                    feature[row] = value;
                 }
             }
         }

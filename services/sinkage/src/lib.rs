@@ -37,8 +37,10 @@ const SHARE_MIN: f64 = 0.75;
 const CONTRAST_MIN: f32 = 0.02;
 /// Confidence below which an answer is a guess.
 const CONFIDENCE_MIN: f64 = 0.7;
-/// Height of an interface above which a wheel would be stuck: more often it is the edge of a light than that of the soil.
+/// Height of an interface above which a wheel would be stuck. It is the edge of a light where the wheel's outer edge is still
+/// seen below it: log ratio of the gray values across the outer edge.
 const COSINE_MIN: f64 = 0.62;
+const EDGE_MAX: f32 = 0.25;
 
 /// Measures the sinkage in one picture after the other.
 #[derive(Clone, Debug)]
@@ -102,11 +104,14 @@ impl SinkageTracker {
                     .annulus
                     .follow(&rim, shift.unwrap_or(Shift::NONE), width, image.len() / width);
                 let mut sides = self.strongest_contrast(image, frame.header.taken_ns, &rim);
-                for interface in sides.iter_mut().flatten() {
+                for (side, ring) in sides.iter_mut().zip(&self.rings) {
+                    let Some(interface) = side else { continue };
                     // From the prepared rim to this one.
                     interface.cosine = (interface.cosine - rest.down) / (1.0 + rest.growth);
                     // Without the rim's inner edge it may be no wheel at all.
-                    if shift.is_none() || interface.cosine < COSINE_MIN {
+                    if shift.is_none()
+                        || interface.cosine < COSINE_MIN && ring::below(ring, interface.cosine) > EDGE_MAX
+                    {
                         interface.confidence *= CONFIDENCE_MIN;
                     }
                 }
