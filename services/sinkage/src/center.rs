@@ -4,7 +4,7 @@ use crate::rim::{Rim, project};
 use messages::Frame;
 
 /// Rays from the wheel's centre on which the edge is looked for.
-const RAYS: usize = 144;
+const RAYS: usize = 108;
 /// Samples along a ray, evenly about the edge's expected place.
 const SAMPLES: usize = 25;
 /// Distance of the samples [px].
@@ -12,9 +12,9 @@ const SAMPLE_PX: f64 = 0.5;
 /// Cosine of the angle from straight down below which soil seldom hides the inner edge.
 const COSINE_MAX: f64 = 0.72;
 /// Gray values between the rim and its inside, below which a ray says nothing.
-const STEP_MIN: f32 = 10.0;
+const STEP_MIN: f32 = 5.0;
 /// Rays that make a circle, by their weights.
-const RAYS_MIN: f64 = 32.0;
+const RAYS_MIN: f64 = 24.0;
 const ITERATIONS: usize = 10;
 /// What the given geometry is known to: centre [px], radius (relative), and one ray's edge [px].
 const CENTER_SIGMA_PX: f64 = 1.5;
@@ -98,18 +98,25 @@ fn edge(
     ratio: f64,
     step: f64,
 ) -> Option<f64> {
-    let mut profile = [0.0_f32; SAMPLES];
     // Over these few pixels the ray is seen evenly.
     let reach = (SAMPLES / 2) as f64 * step;
     let from = project(homography, (ratio - reach) * sin, (ratio - reach) * cos)?;
     let to = project(homography, (ratio + reach) * sin, (ratio + reach) * cos)?;
-    let share = 1.0 / (SAMPLES - 1) as f64;
-    let (right, down) = ((to.0 - from.0) * share, (to.1 - from.1) * share);
-    for (j, gray) in profile.iter_mut().enumerate() {
-        *gray = bilinear(image, width, from.0 + j as f64 * right, from.1 + j as f64 * down)?;
+    let least = from.0.min(to.0).min(from.1).min(to.1);
+    if !(least >= 0.0 && from.0.max(to.0) + 1.0 < width as f64) {
+        return None;
+    }
+    let share = 1.0 / (SAMPLES - 1) as f32;
+    let (column, row) = (from.0 as f32, from.1 as f32);
+    let (right, down) = (share * (to.0 as f32 - column), share * (to.1 as f32 - row));
+    // Sums of the gray values up to each sample.
+    let mut sums = [0.0_f32; SAMPLES + 1];
+    for j in 0..SAMPLES {
+        let along = j as f32;
+        sums[j + 1] = sums[j] + bilinear(image, width, column + along * right, row + along * down)?;
     }
     // Three samples against three: the mean rise over 2 px.
-    let rise = |j: usize| profile[j + 1..=j + 3].iter().sum::<f32>() - profile[j - 3..j].iter().sum::<f32>();
+    let rise = |j: usize| (sums[j + 4] - sums[j + 1]) - (sums[j] - sums[j - 3]);
     let (mut best, mut most) = (0, 3.0 * STEP_MIN);
     for j in 3..SAMPLES - 3 {
         if rise(j) > most {
@@ -125,20 +132,14 @@ fn edge(
     Some((best as f64 + between - (SAMPLES / 2) as f64) * step)
 }
 
-fn bilinear(image: &[u8], width: usize, column: f64, row: f64) -> Option<f32> {
-    if !(column >= 0.0 && row >= 0.0 && column + 1.0 < width as f64) {
-        return None;
-    }
-    let (i, j) = (column as usize, row as usize);
-    let (u, v) = ((column - i as f64) as f32, (row - j as f64) as f32);
-    let first = j.checked_mul(width)?.checked_add(i)?;
-    let [a, b] = *image.get(first..first + 2)? else {
-        return None;
-    };
-    let [c, d] = *image.get(first + width..first + width + 2)? else {
-        return None;
-    };
-    let [a, b, c, d] = [a, b, c, d].map(f32::from);
+/// The gray value between the pixels right of and below a place that is not negative.
+#[inline(always)]
+fn bilinear(image: &[u8], width: usize, column: f32, row: f32) -> Option<f32> {
+    let (i, j) = (column as u32, row as u32);
+    let (u, v) = (column - i as f32, row - j as f32);
+    let first = (j as usize).checked_mul(width)?.checked_add(i as usize)?;
+    let pixels = image.get(first..first.checked_add(width + 2)?)?;
+    let [a, b, c, d] = [pixels[0], pixels[1], pixels[width], pixels[width + 1]].map(f32::from);
     let (above, below) = (a + u * (b - a), c + u * (d - c));
     Some(above + v * (below - above))
 }
@@ -165,10 +166,11 @@ fn circle(edges: &[(f64, f64, f64)], pixel: f64) -> Option<[f64; 3]> {
             let weight = (1.0 - (residual / reach).powi(2)).max(0.0).powi(2);
             agreeing += weight;
             for i in 0..3 {
+                let weighted = weight * row[i];
                 for k in 0..3 {
-                    normal[i][k] += weight * row[i] * row[k];
+                    normal[i][k] += weighted * row[k];
                 }
-                right_side[i] += weight * row[i] * place;
+                right_side[i] += weighted * place;
             }
         }
         for k in 0..3 {

@@ -20,6 +20,9 @@ const MARGIN: usize = 40;
 const EDGES: usize = ROWS + 2 * MARGIN + 1;
 /// Lines of a tilt, with those that a window beyond the first and last row needs.
 const LINES: usize = ROWS + 2 * WIDE;
+/// Lines that are summed up at once: their number, and where they begin, is a multiple of it.
+const VECTOR: usize = 8;
+const _: () = assert!(LINES.is_multiple_of(VECTOR) && MARGIN >= VECTOR);
 /// Pixels of a column on either side of a line, below which it says nothing.
 const COLUMN_MIN: f32 = 2.5;
 /// Pixels of all columns below which a line is none.
@@ -124,10 +127,11 @@ impl Contrast {
             region_features(&self.regions, &whole, features);
             let heights = &self.heights[tilt];
             prior_features(slope, heights, features);
-            for row in rows {
-                let edge = edges[((heights[row] * ROWS as f32) as usize).min(ROWS - 1)];
-                for (k, value) in edge.into_iter().enumerate() {
-                    features[Feature::EdgeAbove as usize + k][row] = value;
+            let features = &mut features[Feature::EdgeAbove as usize..];
+            for (row, height) in rows.clone().zip(&heights[rows]) {
+                let edge = edges[((height * ROWS as f32) as usize).min(ROWS - 1)];
+                for (feature, value) in features.iter_mut().zip(edge) {
+                    feature[row] = value;
                 }
             }
         }
@@ -171,6 +175,10 @@ impl Contrast {
         let [weights, steps, squares] = &mut self.columns[term..term + 3] else {
             return;
         };
+        for terms in [&mut *weights, &mut *steps, &mut *squares] {
+            terms[column][first - VECTOR..first].fill(0.0);
+            terms[column][last..last + VECTOR].fill(0.0);
+        }
         let (weights, steps, squares) = (
             &mut weights[column][first..last],
             &mut steps[column][first..last],
@@ -193,28 +201,19 @@ impl Contrast {
     fn sum_columns(&mut self, tilt: f32) {
         self.lines = [[0.0; LINES]; TERMS];
         self.regions = [[0.0; LINES]; 4];
-        // What a column adds to all lines below it.
-        let mut below = [[0.0; LINES + 1]; 4];
         for column in 0..COLUMNS {
             let outwards = (column as f32 + 0.5) / COLUMNS as f32 - PIVOT;
             // Line l is edge l + lift of this column.
             let lift = ((MARGIN - WIDE) as f32 + tilt * outwards * ROWS as f32).round() as usize;
             let (first, last) = self.bands[column];
             let line = |edge: usize| edge.saturating_sub(lift).min(LINES);
-            let (from, to) = (line(first), line(last));
+            let (from, to) = (line(first) / VECTOR * VECTOR, line(last).next_multiple_of(VECTOR));
             for (line, terms) in self.lines.iter_mut().zip(&self.columns) {
                 add(&mut line[from..to], &terms[column][from + lift..to + lift]);
             }
-            for ((line, sums), below) in self.regions.iter_mut().zip(&self.above).zip(&mut below) {
-                add(&mut line[from..to], &sums[column][from + lift..to + lift]);
-                below[to] += sums[column][EDGES - 1];
-            }
-        }
-        for (line, below) in self.regions.iter_mut().zip(&below) {
-            let mut total = 0.0;
-            for (sum, below) in line.iter_mut().zip(below) {
-                total += below;
-                *sum += total;
+            // What lies above the last edge lies above all further ones.
+            for (line, sums) in self.regions.iter_mut().zip(&self.above) {
+                add(&mut line[from..], &sums[column][from + lift..LINES + lift]);
             }
         }
     }

@@ -37,7 +37,15 @@ const SHARE_MIN: f64 = 0.75;
 /// Log ratio of the strongest step along a side, below which it has no contrast.
 const CONTRAST_MIN: f32 = 0.02;
 /// Confidence below which an answer is a guess.
-const CONFIDENCE_MIN: f64 = 0.75;
+const CONFIDENCE_MIN: f64 = 0.6;
+/// The same of the largest change, which knows less of what could be wrong.
+const CHANGE_CONFIDENCE_MIN: f64 = 0.75;
+/// Standard deviation above which an answer is a guess: what is left may be improbable, but far away.
+const SIGMA_MAX: f64 = 0.037;
+/// Height of an interface above which a wheel would be stuck. It is the edge of a light where the wheel's outer edge is still
+/// seen below it: log ratio of the gray values across the outer edge.
+const COSINE_MIN: f64 = 0.62;
+const EDGE_MAX: f32 = 0.25;
 
 /// Measures the sinkage in one picture after the other.
 #[derive(Clone, Debug)]
@@ -101,11 +109,13 @@ impl SinkageTracker {
                     .annulus
                     .follow(&rim, shift.unwrap_or(Shift::NONE), width, image.len() / width);
                 let mut sides = self.strongest_contrast(image, frame.header.taken_ns, &rim);
-                for interface in sides.iter_mut().flatten() {
+                for (side, ring) in sides.iter_mut().zip(&self.rings) {
+                    let Some(interface) = side else { continue };
                     // From the prepared rim to this one.
                     interface.cosine = (interface.cosine - rest.down) / (1.0 + rest.growth);
-                    if shift.is_none() {
-                        // Without the rim's inner edge it may be no wheel at all.
+                    let light = interface.cosine < COSINE_MIN && ring::below(ring, interface.cosine) > EDGE_MAX;
+                    // Without the rim's inner edge it may be no wheel at all.
+                    if shift.is_none() || light || interface.sigma > SIGMA_MAX {
                         interface.confidence *= CONFIDENCE_MIN;
                     }
                 }
@@ -149,9 +159,13 @@ impl SinkageTracker {
             Rolls::Right => (right, left),
             Rolls::Left => (left, right),
         };
+        let confidence_min = match self.config.method {
+            Method::Contrast => CONFIDENCE_MIN,
+            Method::LargestChange => CHANGE_CONFIDENCE_MIN,
+        };
         let status = match (entry, exit) {
             (None, _) => Status::NOT_VISIBLE,
-            (Some(entry), Some(exit)) if entry.confidence.min(exit.confidence) >= CONFIDENCE_MIN => Status::OK,
+            (Some(entry), Some(exit)) if entry.confidence.min(exit.confidence) >= confidence_min => Status::OK,
             (Some(_), _) => Status::UNCERTAIN,
         };
         let mut sinkage = Sinkage::unknown(frame.header.answer(status));

@@ -101,17 +101,19 @@ impl Posterior {
             }
             groups
         });
-        let likelihood: [f32; GROUPS] = std::array::from_fn(|apart| {
-            let apart = (apart * GROUP) as f32 / BINS as f32 / LEVEL;
+        // Of a group for the one so many before or after it.
+        let likelihood: [f32; 2 * GROUPS - 1] = std::array::from_fn(|k| {
+            let apart = (k.abs_diff(GROUPS - 1) * GROUP) as f32 / BINS as f32 / LEVEL;
             (-(0.5 * apart * apart).min(LEVEL_COST_MAX)).exp()
         });
         for (side, other) in sides.into_iter().zip([coarse[1], coarse[0]]) {
-            for (group, masses) in side.mass.chunks_exact_mut(GROUP).enumerate() {
-                let message: f32 = other
-                    .iter()
-                    .enumerate()
-                    .map(|(k, mass)| mass * likelihood[k.abs_diff(group)])
-                    .sum();
+            let mut messages = [0.0; GROUPS];
+            for (group, mass) in other.into_iter().enumerate().filter(|(_, mass)| *mass > 0.0) {
+                for (message, likelihood) in messages.iter_mut().zip(&likelihood[GROUPS - 1 - group..]) {
+                    *message += mass * likelihood;
+                }
+            }
+            for (masses, message) in side.mass.chunks_exact_mut(GROUP).zip(messages) {
                 for mass in masses {
                     *mass *= message;
                 }
@@ -135,11 +137,14 @@ impl Posterior {
             sum / inside(middle) / BINS as f32
         };
         let mut best = (0, 0.0);
+        // A window is the one before with one bin more and one less.
+        let mut mass: f32 = self.mass[..NEAR].iter().sum();
         for middle in 0..BINS {
-            let mass = inside(middle);
+            mass += self.mass.get(middle + NEAR).unwrap_or(&0.0);
             if mass > best.1 {
                 best = (middle, mass);
             }
+            mass -= middle.checked_sub(NEAR).map_or(0.0, |first| self.mass[first]);
         }
         if best.1 <= 0.0 {
             return None;

@@ -67,6 +67,14 @@ impl RingLookup {
     }
 }
 
+/// The mean difference below a height.
+#[must_use]
+pub fn below(ring: &Ring, height: f64) -> f32 {
+    let first = (height.max(0.0) * ROWS as f64).ceil() as usize;
+    let steps = &ring[first.min(ROWS - 1)..];
+    steps.iter().sum::<f32>() / steps.len() as f32
+}
+
 impl Default for RingLookup {
     fn default() -> Self {
         Self::new()
