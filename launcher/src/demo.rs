@@ -36,6 +36,9 @@ pub struct DemoArguments {
     seed: u32,
 }
 
+/// A change of soil may take so many cycles to be found; what is said until then is of the soil before.
+const CHANGE_CYCLES: u64 = 60;
+
 /// What the demo remembers of its cycles.
 struct Tally {
     rover: Rover,
@@ -50,6 +53,8 @@ struct Tally {
     classes_right: u64,
     classes: u64,
     latest: Option<Terrain>,
+    /// The soil driven on, and cycles since it changed.
+    on_soil: (usize, u64),
     /// Per soil: cohesion and friction angle with their sigmas, as last estimated on it.
     soils: BTreeMap<usize, Terrain>,
 }
@@ -121,6 +126,7 @@ impl Tally {
             classes_right: 0,
             classes: 0,
             latest: None,
+            on_soil: (0, 0),
             soils: BTreeMap::new(),
         }
     }
@@ -172,7 +178,11 @@ impl Tally {
             self.classes += 1;
             self.classes_right += u64::from(sample.class_text() == self.rover.soils()[truth.soil].name);
         }
-        if sample.valid & Terrain::SOIL != 0 {
+        self.on_soil = match self.on_soil {
+            (soil, cycles) if soil == truth.soil => (soil, cycles + 1),
+            _ => (truth.soil, 0),
+        };
+        if sample.valid & Terrain::SOIL != 0 && self.on_soil.1 >= CHANGE_CYCLES {
             self.soils.insert(truth.soil, *sample);
         }
         self.latest = Some(*sample);
