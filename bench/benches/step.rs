@@ -74,74 +74,32 @@ fn main() -> Outcome<()> {
             times.windows(&day);
         }
     }
-    let Times {
-        clock,
-        render,
-        sinkage,
-        sinkage_moving,
-        sinkage_largest_change,
-        sinkage_large,
-        terramechanics,
-        terramechanics_linear,
-        piece,
-        window,
-        features,
-        decision,
-        terrain,
-    } = times;
-    report.table(
-        "Compute time of a step",
-        &[
-            clock,
-            render,
-            sinkage,
-            sinkage_moving,
-            sinkage_largest_change,
-            sinkage_large,
-            terramechanics,
-            terramechanics_linear,
-            piece,
-            window,
-            features,
-            decision,
-            terrain,
-        ],
-    );
+    report.table("Compute time of a step", &times.all().map(|series| series.clone()));
     report.end()
 }
 
 impl Times {
+    /// In the order of the table.
+    fn all(&mut self) -> [&mut Series; 13] {
+        [
+            &mut self.clock,
+            &mut self.render,
+            &mut self.sinkage,
+            &mut self.sinkage_moving,
+            &mut self.sinkage_largest_change,
+            &mut self.sinkage_large,
+            &mut self.terramechanics,
+            &mut self.terramechanics_linear,
+            &mut self.piece,
+            &mut self.window,
+            &mut self.features,
+            &mut self.decision,
+            &mut self.terrain,
+        ]
+    }
+
     fn begin_round(&mut self) {
-        let Self {
-            clock,
-            render,
-            sinkage,
-            sinkage_moving,
-            sinkage_largest_change,
-            sinkage_large,
-            terramechanics,
-            terramechanics_linear,
-            piece,
-            window,
-            features,
-            decision,
-            terrain,
-        } = self;
-        for series in [
-            clock,
-            render,
-            sinkage,
-            sinkage_moving,
-            sinkage_largest_change,
-            sinkage_large,
-            terramechanics,
-            terramechanics_linear,
-            piece,
-            window,
-            features,
-            decision,
-            terrain,
-        ] {
+        for series in self.all() {
             series.begin_round();
         }
     }

@@ -67,7 +67,10 @@ pub fn soil(traverse: &Path, out: &Path) -> Result<Option<PathBuf>, Error> {
         });
     })?;
     let svg = plots::soil(&rows, &truth).map_err(|error| Error::internal(format!("{SOIL}: {error}")))?;
-    let path = out.join(SOIL);
+    write(out.join(SOIL), &svg)
+}
+
+fn write(path: PathBuf, svg: &str) -> Result<Option<PathBuf>, Error> {
     fs::write(&path, svg).map_err(|error| Error::data(format!("{}: {error}", path.display())))?;
     Ok(Some(path))
 }
@@ -96,9 +99,7 @@ pub fn sinkage(traverse: &Path, out: &Path) -> Result<Option<PathBuf>, Error> {
         truth.push(values);
     })?;
     let svg = plots::sinkage(&rows, &truth).map_err(|error| Error::internal(format!("{SINKAGE}: {error}")))?;
-    let path = out.join(SINKAGE);
-    fs::write(&path, svg).map_err(|error| Error::data(format!("{}: {error}", path.display())))?;
-    Ok(Some(path))
+    write(out.join(SINKAGE), &svg)
 }
 
 /// Draws `interface.svg` of the picture in the middle of those with the status ok, or of all; `None` where no picture

@@ -5,7 +5,7 @@ use shell::Error;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
-use traverse::{Table, sampling_period_ns};
+use traverse::{SOUND_CHANNELS, Table, sampling_period_ns};
 use vibration::classifier::SPEED_CHANNEL;
 use vibration::recording::Recording;
 
@@ -13,15 +13,6 @@ use vibration::recording::Recording;
 const SAMPLE_MAX: f64 = 1e9;
 /// How far sampling rates may differ, relative to them: windows are cut by the common one.
 pub const RATE_TOLERANCE: f64 = 0.05;
-/// Channels of a sound file whose row names none, by their number.
-const SOUND_CHANNELS: [&str; 6] = [
-    "acceleration_x_m_s2",
-    "acceleration_y_m_s2",
-    "acceleration_z_m_s2",
-    "angular_rate_x_rad_s",
-    "angular_rate_y_rad_s",
-    "angular_rate_z_rad_s",
-];
 
 /// What was read of a folder.
 pub struct Recordings {

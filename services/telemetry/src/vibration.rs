@@ -3,20 +3,11 @@
 use hound::{SampleFormat, WavReader};
 use messages::{CHANNELS_MAX, LABEL_BYTES};
 use std::collections::VecDeque;
-use traverse::{Input, InputError, Table, Traverse, sampling_period_ns};
+use traverse::{Input, InputError, SOUND_CHANNELS, Table, Traverse, sampling_period_ns};
 
 /// Endings of a channel's name.
 const UNITS: [&str; 11] = [
     "_m_s2", "_rad_s2", "_m_s", "_rad_s", "_m", "_rad", "_n", "_nm", "_pa", "_v", "_a",
-];
-/// The channels of a sound file that names none: the accelerations, then the angular rates.
-const DEFAULT_CHANNELS: [&str; 6] = [
-    "acceleration_x_m_s2",
-    "acceleration_y_m_s2",
-    "acceleration_z_m_s2",
-    "angular_rate_x_rad_s",
-    "angular_rate_y_rad_s",
-    "angular_rate_z_rad_s",
 ];
 /// Rows from which the sampling period of a table is found.
 const PERIOD_ROWS: usize = 1024;
@@ -160,8 +151,8 @@ impl Sound {
         }
         let channels = match (&description.channels, count) {
             (Some(names), _) => names.clone(),
-            (None, 1) => vec![DEFAULT_CHANNELS[2].into()],
-            (None, _) => DEFAULT_CHANNELS.iter().take(count).map(|name| (*name).into()).collect(),
+            (None, 1) => vec![SOUND_CHANNELS[2].into()],
+            (None, _) => SOUND_CHANNELS.iter().take(count).map(|name| (*name).into()).collect(),
         };
         let guessed_wrong = description.channels.is_none() && ![1, 3, 6].contains(&count);
         if guessed_wrong || channels.len() != count {

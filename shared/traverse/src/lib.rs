@@ -10,7 +10,7 @@ mod table;
 
 pub use description::{Rolls, Sensors, Soil, Traverse, Vibration, Wheel};
 pub use frames::{FRAME_COLUMNS, FrameRow, FrameRows};
-pub use sampling::sampling_period_ns;
+pub use sampling::{SOUND_CHANNELS, sampling_period_ns};
 pub use table::{GAP_MAX_S, Table};
 
 use std::fmt;

@@ -1,5 +1,14 @@
 //! The period at which a recording was sampled, from its instants.
 
+/// The channels of a sound file that names none: the accelerations, then the angular rates.
+pub const SOUND_CHANNELS: [&str; 6] = [
+    "acceleration_x_m_s2",
+    "acceleration_y_m_s2",
+    "acceleration_z_m_s2",
+    "angular_rate_x_rad_s",
+    "angular_rate_y_rad_s",
+    "angular_rate_z_rad_s",
+];
 /// A step longer than this, in medians, is a pause.
 const PAUSE: u64 = 3;
 /// A step up to this, in medians, is one sample long.

@@ -1,7 +1,7 @@
 //! How far off c and φ are, over the soils of the literature, as a table that is reviewed with the code.
 
-use crate::oracle::traverse::{Excitation, Noise, Plan, Random, Segment};
-use crate::oracle::{SOILS, SoilModel, WheelModel};
+use crate::oracle::traverse::{Excitation, Noise, Plan, Random, Segment, WHEEL};
+use crate::oracle::{SOILS, SoilModel};
 use messages::Soil;
 use std::fmt::Write;
 use terramechanics::{Config, Estimator, SoilEstimator};
@@ -69,10 +69,7 @@ fn over_a_soil(soil: &SoilModel) -> Vec<Run> {
                     soil: *soil,
                     rows: ROWS,
                 }],
-                wheel: WheelModel {
-                    radius_m: 0.15,
-                    width_m: 0.16,
-                },
+                wheel: WHEEL,
                 noise: *sigmas,
                 excitation: [Excitation::Random, Excitation::Smooth, Excitation::Walk][run as usize],
                 load_n: [35.0, 150.0],

@@ -1,7 +1,7 @@
 //! The state survives its process bit for bit, and nothing else passes for one.
 
-use crate::oracle::traverse::{Excitation, Noise, Plan, Segment};
-use crate::oracle::{SOILS, WheelModel};
+use crate::oracle::SOILS;
+use crate::oracle::traverse::{Excitation, GOOD, Plan, Segment, WHEEL};
 use allocation_counter::measure;
 use terramechanics::{Checkpoint, Config, Estimator, SoilEstimator};
 use zerocopy::{FromBytes, IntoBytes};
@@ -11,16 +11,8 @@ fn plan() -> Plan {
     let segment = |soil| Segment { soil, rows: 150 };
     Plan {
         segments: vec![segment(SOILS[0]), segment(SOILS[8])],
-        wheel: WheelModel {
-            radius_m: 0.15,
-            width_m: 0.16,
-        },
-        noise: Noise {
-            load: 0.03,
-            torque: 0.03,
-            entry_deg: 1.0,
-            slip: 0.02,
-        },
+        wheel: WHEEL,
+        noise: GOOD,
         excitation: Excitation::Walk,
         load_n: [35.0, 150.0],
         slip: [0.05, 0.6],

@@ -1,7 +1,7 @@
 //! Sensors that fail on the way: the estimate stays near or says that it does not know.
 
-use crate::oracle::traverse::{Excitation, Measured, Noise, Plan, Random, Segment};
-use crate::oracle::{SOILS, WheelModel};
+use crate::oracle::SOILS;
+use crate::oracle::traverse::{Excitation, GOOD, Measured, Plan, Random, Segment, WHEEL};
 use messages::{Soil, Status};
 use terramechanics::SoilEstimator;
 
@@ -15,16 +15,8 @@ fn plan(seed: u64, excitation: Excitation) -> Plan {
             soil: SOILS[0],
             rows: ROWS,
         }],
-        wheel: WheelModel {
-            radius_m: 0.15,
-            width_m: 0.16,
-        },
-        noise: Noise {
-            load: 0.03,
-            torque: 0.03,
-            entry_deg: 1.0,
-            slip: 0.02,
-        },
+        wheel: WHEEL,
+        noise: GOOD,
         excitation,
         load_n: [35.0, 150.0],
         slip: [0.05, 0.6],

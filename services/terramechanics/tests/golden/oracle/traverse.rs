@@ -38,6 +38,20 @@ pub struct Noise {
     pub slip: f64,
 }
 
+/// The simulated rover's wheel.
+pub const WHEEL: WheelModel = WheelModel {
+    radius_m: 0.15,
+    width_m: 0.16,
+};
+
+/// Good sensors: 3 % of load and torque, 1° of the entry angle, 0.02 of the slip.
+pub const GOOD: Noise = Noise {
+    load: 0.03,
+    torque: 0.03,
+    entry_deg: 1.0,
+    slip: 0.02,
+};
+
 /// How load and slip vary along the way.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Excitation {
