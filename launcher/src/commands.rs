@@ -32,8 +32,7 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Error> {
     let system = load(arguments.system.as_deref())?;
     check_configs(&system, arguments.system.as_deref())?;
     let termination = listen()?;
-    let path = arguments.system.as_deref().map(absolute).transpose()?;
-    let mut supervisor = Supervisor::new(system, path, termination.clone())?;
+    let mut supervisor = Supervisor::new(system, termination.clone())?;
     supervisor.start(|_| ())?;
     let mut alive = true;
     say(&mut supervisor);

@@ -2,6 +2,7 @@
 
 mod annotate;
 mod commands;
+mod control;
 mod demo;
 mod doctor;
 mod figures;
@@ -10,11 +11,13 @@ mod plots;
 mod policy;
 mod process;
 mod record;
+mod rehearsal;
 mod replay;
 mod root;
 mod simulate;
 mod status;
 mod supervisor;
+mod swap;
 mod system;
 mod vibration;
 mod watch;
@@ -53,6 +56,10 @@ enum Command {
     Vibration(vibration::VibrationCommand),
     /// Shows how a running system is doing.
     Status(status::StatusArguments),
+    /// Replaces a stage of a running system by another program, without losing a cycle.
+    Swap(swap::SwapArguments),
+    /// Brings a running system to an edited system file, stage by stage, without losing a cycle.
+    Apply(swap::ApplyArguments),
     /// Checks a system file without starting anything.
     Validate(commands::ValidateArguments),
     /// Prints the built-in system file, to start one's own from.
@@ -91,6 +98,8 @@ fn run(command: Command) -> Result<ExitCode, Error> {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Vibration(command) => vibration::run(&command),
         Command::Status(arguments) => status::run(&arguments),
+        Command::Swap(arguments) => swap::swap(&arguments),
+        Command::Apply(arguments) => swap::apply(&arguments),
         Command::Validate(arguments) => commands::validate(&arguments),
         Command::DefaultSystem => {
             print!("{}", commands::DEFAULT_SYSTEM);

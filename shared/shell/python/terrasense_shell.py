@@ -208,23 +208,25 @@ class Output:
     def __init__(self, shell, wire, rehearsal, message):
         self.wire = Writer(shell, wire, message)
         self.rehearsal = Writer(shell, rehearsal, message) if rehearsal else None
+        self.rehearses = rehearsal is not None
         self.generation = shell.generation
         self.answered = self.wire.newest()
-        if not self.rehearsal:
+        if not self.rehearses:
             self.wire.send_unsent()
 
     def is_over(self, trigger):
         """Whether another process answers this trigger, and all later ones."""
-        return not self.rehearsal and self._turn_is_after(self.generation, trigger)
+        return not self.rehearses and self._turn_is_after(self.generation, trigger)
 
     def send(self, sample):
         """Sends a sample. What a predecessor has sent already is left out."""
         sample.header.generation = self.generation
         sample.header.published_ns = time.monotonic_ns()
-        if self.rehearsal:
+        if self.rehearses:
             if not self._turn_is_after(self.generation - 1, sample.header):
                 self.rehearsal.publish(sample)
                 return
+            self.rehearses = False
             # The one before may have gone on for a moment longer.
             self.answered = self.wire.newest()
         if self.answered is None or not repeats(sample.header, self.answered):
@@ -296,7 +298,7 @@ class Journal:
         place = self._place(number)
         self._set_word(place, 0)
         start = 8 * (place + 1)
-        self.memory[start : start + self.sizeof(message)] = bytes(sample)
+        self.memory[start : start + sizeof(self.message)] = bytes(sample)
         self._set_word(place, number + 1)
         self._set_word(self.APPENDED, number + 1)
 
@@ -319,7 +321,7 @@ class Journal:
         if self._word(place) != number + 1:
             return None
         start = 8 * (place + 1)
-        sample = self.message.from_buffer_copy(self.memory[start : start + self.sizeof(message)])
+        sample = self.message.from_buffer_copy(self.memory[start : start + sizeof(self.message)])
         return sample if self._word(place) == number + 1 else None
 
     def newest(self):

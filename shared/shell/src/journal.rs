@@ -16,7 +16,7 @@ use messages::{Header, Message, Status};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering, fence};
-use zerocopy::{FromBytes, IntoBytes};
+use zerocopy::FromBytes;
 
 const MAGIC: u64 = u64::from_le_bytes(*b"TERRAJ01");
 const SAMPLE_WORDS: usize = 1;
@@ -33,6 +33,8 @@ pub(crate) struct Journal {
     memory: Memory,
     sample_words: usize,
     places: u64,
+    /// The file, where this process has made it: it goes with this value.
+    made: Option<PathBuf>,
 }
 
 impl Journal {
@@ -51,6 +53,7 @@ impl Journal {
             memory,
             sample_words,
             places: places as u64,
+            made: Some(path.into()),
         })
     }
 
@@ -78,6 +81,7 @@ impl Journal {
             memory,
             sample_words,
             places,
+            made: None,
         }))
     }
 
@@ -178,6 +182,14 @@ impl Journal {
     }
 }
 
+impl Drop for Journal {
+    fn drop(&mut self) {
+        self.made.iter().for_each(|path| {
+            let _ = std::fs::remove_file(path);
+        });
+    }
+}
+
 /// Whether a sample says again what one that came before has said: neither its number nor its instant is newer. (A source
 /// that numbers anew goes on in time.)
 pub(crate) fn repeats(sample: &Header, before: &Header) -> bool {
@@ -211,7 +223,6 @@ mod tests {
         for sequence in 1..=6 {
             journal.append(&wheel(sequence));
         }
-        drop(journal);
         let journal = Journal::open::<Wheel>(&folder.path().join("journal.front.wheel"))
             .unwrap()
             .unwrap();
@@ -257,11 +268,13 @@ mod tests {
 
     #[test]
     fn a_sample_that_is_overwritten_while_it_is_read_is_not_handed_out_torn() {
-        let (_folder, journal) = journal(2);
+        let (folder, journal) = journal(2);
         std::thread::scope(|scope| {
             scope.spawn(|| {
+                let path = folder.path().join("journal.front.wheel");
+                let writer = Journal::open::<Wheel>(&path).unwrap().unwrap();
                 for sequence in 1..200_000 {
-                    journal.append(&wheel(sequence));
+                    writer.append(&wheel(sequence));
                 }
             });
             for _ in 0..200_000 {

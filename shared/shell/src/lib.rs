@@ -30,7 +30,7 @@ pub use clock::{now_ns, sleep_until};
 pub use error::Error;
 pub use input::{Input, Observation, Tap};
 pub use output::Output;
-pub use process::{bind_to_parent, harden_descriptors};
+pub use process::{bind_to_parent, harden_descriptors, wake_when_children_end};
 pub use system_file::{Mode, Restart, ServiceTable, SystemFile, SystemTable};
 pub use termination::Termination;
 pub use wire::{AnyTap, Domain, HeldWire, Port, RELEASE, Role, SUPERVISION_WIRE};
@@ -161,8 +161,8 @@ impl Shell {
         let generation = self.generation();
         let domain = self.domain()?;
         let output = match &succeeded {
-            Some(succeeded) => Output::open(domain, succeeded, Some(&wire), generation, termination),
-            None => Output::open(domain, &wire, None, generation, termination),
+            Some(succeeded) => Output::open(domain, succeeded, Some(&wire), generation, &termination),
+            None => Output::open(domain, &wire, None, generation, &termination),
         }?;
         output.wait_for(domain.release());
         Ok(output)

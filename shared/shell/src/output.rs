@@ -21,6 +21,8 @@ pub struct Output<T: Message> {
     wire: Writer<T>,
     /// Where answers go until this writer's turn on the wire comes.
     rehearsal: Option<Writer<T>>,
+    /// Whether that is still ahead.
+    rehearses: Cell<bool>,
     /// The newest sample that others have written: it is not answered again.
     answered: Cell<Option<Header>>,
     generation: u32,
@@ -36,12 +38,13 @@ impl<T: Message> Output<T> {
         wire: &str,
         rehearsal: Option<&str>,
         generation: u32,
-        termination: Termination,
+        termination: &Termination,
     ) -> Result<Self, Error> {
-        let writer = |wire| Writer::open(domain, wire, &termination);
+        let writer = |wire| Writer::open(domain, wire, termination);
         let output = Self {
             wire: writer(wire)?,
             rehearsal: rehearsal.map(writer).transpose()?,
+            rehearses: Cell::new(rehearsal.is_some()),
             answered: Cell::new(None),
             generation,
             release: RefCell::new(None),
@@ -66,7 +69,7 @@ impl<T: Message> Output<T> {
 
     /// Whether another writer answers this trigger, and all later ones.
     pub(crate) fn is_over(&self, trigger: &Header) -> bool {
-        self.rehearsal.is_none() && self.turn_is_after(self.generation, trigger)
+        !self.rehearses.get() && self.turn_is_after(self.generation, trigger)
     }
 
     /// Sends a sample: stamps it, hands it over and rings. What a predecessor has sent already is left out.
@@ -79,10 +82,11 @@ impl<T: Message> Output<T> {
             *place = sample;
             Ok(())
         };
-        if let Some(rehearsal) = &self.rehearsal {
+        if let (Some(rehearsal), true) = (&self.rehearsal, self.rehearses.get()) {
             if !self.turn_is_after(self.generation.saturating_sub(1), &header) {
                 return self.send_on(rehearsal, write);
             }
+            self.rehearses.set(false);
             // The one before may have gone on for a moment longer.
             self.answered.set(self.wire.newest());
         }

@@ -203,7 +203,7 @@ impl Domain {
     ///
     /// # Errors
     /// The wire is not there, or its samples have another layout.
-    pub fn output<T: Message>(&self, wire: &str, termination: Termination) -> Result<Output<T>, Error> {
+    pub fn output<T: Message>(&self, wire: &str, termination: &Termination) -> Result<Output<T>, Error> {
         Output::open(self, wire, None, 1, termination)
     }
 
