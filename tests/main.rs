@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)] // A test that cannot go on ends here, with the reason and the line.
 
 mod architecture;
+mod chaos;
 mod hostile;
 mod layout;
 mod recording;
@@ -10,3 +11,4 @@ mod replacement;
 mod replay;
 mod rover;
 mod supervision;
+mod swap;

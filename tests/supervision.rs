@@ -62,7 +62,7 @@ fn nothing_survives_a_killed_launcher_and_the_next_start_works() {
 fn a_stopped_service_is_noticed_by_its_silence_and_replaced() {
     let mut rover = Rover::new(|text| text.replace("deadline_ms = 10000", "deadline_ms = 1500"));
     rover.up();
-    for victim in ["sinkage", "telemetry"] {
+    for victim in ["sinkage", "telemetry", "terramechanics"] {
         let running = |rows: &[Value]| rows.iter().all(|row| row["state"] == "running");
         let row = rover
             .until("all run", running)

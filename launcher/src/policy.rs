@@ -9,6 +9,8 @@ const PAUSE_FIRST_NS: u64 = 100_000_000;
 /// The longest pause [ns].
 const PAUSE_MAX_NS: u64 = 5_000_000_000;
 const MS_NS: u64 = 1_000_000;
+/// How long a service that keeps dying is left alone [ns].
+const HOLD_NS: u64 = 30_000_000_000;
 /// What ends a process without its doing: an operator, a test, the kernel for want of memory.
 const SIGKILL: Ending = Ending::Signal(9);
 /// The first pause after such an end of a young process, and how often it doubles [ns].
@@ -55,6 +57,8 @@ impl fmt::Display for Ending {
 pub enum Decision {
     /// Start it at this instant.
     RestartAt(u64),
+    /// Leave it until this instant, and say why; the others go on. What was wrong may have passed by then.
+    HoldUntil(u64, String),
     /// Leave it, and say why; the others go on.
     GiveUp(String),
     /// It has ended as it should.
@@ -108,7 +112,10 @@ impl Policy {
         }
         if self.restarts.len() >= self.intensity {
             let period_s = self.period_ns / (1000 * MS_NS);
-            return Decision::GiveUp(format!("{} restarts within {period_s} s are too many", self.intensity));
+            self.restarts.clear();
+            self.short_runs = 0;
+            let why = format!("{} restarts within {period_s} s are too many", self.intensity);
+            return Decision::HoldUntil(now_ns + HOLD_NS, why);
         }
         self.restarts.push_back(now_ns);
         // The first crash after a long run is bad luck, and every millisecond counts; a crash loop is slowed.
@@ -163,7 +170,11 @@ mod tests {
         let mut policy = policy("intensity = 2\nintensity_period_ms = 10000\nminimum_run_ms = 0");
         assert_eq!(policy.on_end(CRASHED, 0, SECOND), Decision::RestartAt(SECOND));
         assert_eq!(policy.on_end(CRASHED, 0, 2 * SECOND), Decision::RestartAt(2 * SECOND));
-        assert!(matches!(policy.on_end(CRASHED, 0, 3 * SECOND), Decision::GiveUp(_)));
+        assert!(matches!(
+            policy.on_end(CRASHED, 0, 3 * SECOND),
+            Decision::HoldUntil(until, _) if until == 3 * SECOND + HOLD_NS
+        ));
+        assert!(matches!(policy.on_end(CRASHED, 0, 40 * SECOND), Decision::RestartAt(_)));
     }
 
     #[test]

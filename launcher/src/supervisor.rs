@@ -374,7 +374,7 @@ impl Supervisor {
             }
         }
         match service.state {
-            ServiceState::BACKOFF if now >= service.restart_at_ns => self.launch(name),
+            ServiceState::BACKOFF | ServiceState::GIVEN_UP if now >= service.restart_at_ns => self.launch(name),
             ServiceState::STARTING => {
                 self.look_at_start(name);
                 Ok(())
@@ -499,8 +499,17 @@ impl Supervisor {
                     self.launch(name)?;
                 }
             }
+            Decision::HoldUntil(at_ns, why) => {
+                service.state = ServiceState::GIVEN_UP;
+                service.restart_at_ns = at_ns;
+                let pause_s = (at_ns - now) / (1000 * MS_NS);
+                self.say(format!(
+                    "{name}: {how}; given up: {why}; the other services go on; next try in {pause_s} s"
+                ));
+            }
             Decision::GiveUp(why) => {
                 service.state = ServiceState::GIVEN_UP;
+                service.restart_at_ns = u64::MAX;
                 self.say(format!("{name}: {how}; given up: {why}; the other services go on"));
             }
             Decision::Rest => {

@@ -8,6 +8,7 @@ use crate::{Error, Mode, now_ns};
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
+use iceoryx2::service::port_factory::subscriber::PortFactorySubscriber;
 use messages::{Header, Message, Status};
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
@@ -70,11 +71,17 @@ impl<T: Message> Deref for Received<T> {
 impl<T: Message> Reader<T> {
     /// A stage's reader: what was sent before it came is there too.
     fn open(domain: &Domain, wire: &str) -> Result<Self, Error> {
+        Self::open_with(domain, wire, |builder| builder)
+    }
+
+    fn open_with(
+        domain: &Domain,
+        wire: &str,
+        set: impl FnOnce(PortFactorySubscriber<ipc::Service, T, ()>) -> PortFactorySubscriber<ipc::Service, T, ()>,
+    ) -> Result<Self, Error> {
         let opened = domain.open::<T>(wire)?;
         let failed = |what: &dyn std::fmt::Debug| Error::unavailable(format!("cannot read wire {wire}: {what:?}"));
-        let subscriber = opened
-            .samples
-            .subscriber_builder()
+        let subscriber = set(opened.samples.subscriber_builder())
             .create()
             .map_err(|error| failed(&error))?;
         let listener = opened
@@ -456,12 +463,14 @@ impl<T: Message> Observation<T> {
 pub struct Tap<T: Message>(Reader<T>);
 
 impl<T: Message> Tap<T> {
-    /// Opens the wire for reading.
+    /// Opens the wire for reading, from now on.
     ///
     /// # Errors
     /// The wire is not there, or its samples have another layout.
     pub fn open(domain: &Domain, wire: &str) -> Result<Self, Error> {
-        Ok(Self(Reader::open(domain, wire)?))
+        Ok(Self(Reader::open_with(domain, wire, |builder| {
+            builder.history_request(0)
+        })?))
     }
 
     /// Hands the next sample, if there is one, to `act`, whether it can be believed or not.

@@ -46,6 +46,8 @@ use std::rc::Rc;
 
 /// A stage's state is kept after every so many triggers: its successor steps through those since then again, unheard.
 const CHECKPOINT_TRIGGERS: u64 = 8;
+/// Ticks that a source makes good at the most: a stage behind it has room for as many.
+const CATCH_UP_TICKS: u64 = 32;
 /// What the checkpoint of a process is called that is to take the place of another.
 pub const REHEARSAL_CHECKPOINT: &str = "rehearsal.checkpoint";
 
@@ -260,7 +262,8 @@ impl Shell {
         }
     }
 
-    /// Calls `act` for every tick `k` at `start + k * period`, until the process is to end. Ticks that are over are left out.
+    /// Calls `act` for every tick `k` at `start + k * period`, until the process is to end. Who comes late catches up, but does
+    /// not make good more than a few ticks.
     ///
     /// # Errors
     /// `act` failed.
@@ -275,7 +278,8 @@ impl Shell {
                 continue;
             }
             act(next, instant_ns)?;
-            next = (next + 1).max(now_ns().saturating_sub(started_ns) / period_ns);
+            let due = now_ns().saturating_sub(started_ns) / period_ns;
+            next = (next + 1).max(due.saturating_sub(CATCH_UP_TICKS));
         }
         Ok(())
     }
