@@ -147,7 +147,11 @@ impl Domain {
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
-            .map_err(|error| failed(format!("{error:?}; does another user run a system of this name?")))?;
+            .map_err(|error| {
+                failed(format!(
+                    "{error:?}; does another user run a system of this name, or is /dev/shm full?"
+                ))
+            })?;
         Ok(Self {
             node,
             mode: system.system.mode,
