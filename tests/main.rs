@@ -4,6 +4,7 @@
 mod architecture;
 mod hostile;
 mod layout;
+mod privacy;
 mod recording;
 mod refusal;
 mod replacement;
