@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)] // A test that cannot go on ends here, with the reason and the line.
 
 mod architecture;
+mod conformance;
 mod hostile;
 mod layout;
 mod privacy;

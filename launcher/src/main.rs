@@ -2,12 +2,14 @@
 
 mod annotate;
 mod commands;
+mod conformance;
 mod demo;
 mod doctor;
 mod figures;
 mod overlay;
 mod plots;
 mod policy;
+mod privacy;
 mod process;
 mod record;
 mod replay;
@@ -55,6 +57,8 @@ enum Command {
     Status(status::StatusArguments),
     /// Checks a system file without starting anything.
     Validate(commands::ValidateArguments),
+    /// Tries any program in the place of a stage: which rules of the replacement contract hold.
+    Conformance(conformance::ConformanceArguments),
     /// Prints the built-in system file, to start one's own from.
     DefaultSystem,
     /// Checks the machine: shared memory, limits, programs, leftovers.
@@ -92,6 +96,7 @@ fn run(command: Command) -> Result<ExitCode, Error> {
         Command::Vibration(command) => vibration::run(&command),
         Command::Status(arguments) => status::run(&arguments),
         Command::Validate(arguments) => commands::validate(&arguments),
+        Command::Conformance(arguments) => conformance::run(&arguments),
         Command::DefaultSystem => {
             print!("{}", commands::DEFAULT_SYSTEM);
             Ok(ExitCode::SUCCESS)

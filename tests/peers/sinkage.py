@@ -28,7 +28,11 @@ def main(system_file, name):
         tables = tomllib.loads(Path(system_file).read_text(encoding="utf-8"))
         system, service = tables["system"], tables["service"][name]
         frames, sinkage = service["inputs"]["frames"], service["outputs"]["sinkage"]
-        config = {"radius_m": 0.15, "rolls": "right"} | service.get("config", {})
+        config = {"radius_m": 0.15, "rolls": "right"}
+        unknown = service.get("config", {}).keys() - config.keys()
+        if unknown:
+            raise KeyError(f"unknown key of config: {', '.join(sorted(unknown))}")
+        config |= service.get("config", {})
     except (OSError, tomllib.TOMLDecodeError, KeyError) as error:
         print(f"service {name}: {system_file}: {type(error).__name__} {error}", file=sys.stderr)
         return EXIT_CONFIG
