@@ -11,10 +11,10 @@ use std::process::{Command, Stdio};
 /// Nobody, on every Linux.
 const STRANGER: u32 = 65_534;
 
-/// Tries everything on every path it is given, and says what it was allowed.
+/// Tries everything on every path it is given, and says what it was allowed. What has gone by then it must not make anew.
 const INTRUSION: &str = r#"for path in "$@"; do
     (: < "$path") 2>/dev/null && echo "reads $path"
-    (: >> "$path") 2>/dev/null && echo "writes $path"
+    dd if=/dev/null of="$path" conv=nocreat,notrunc 2>/dev/null && echo "writes $path"
     (ls "$path/") >/dev/null 2>&1 && echo "lists $path"
     (: > "$path/stranger") 2>/dev/null && echo "adds to $path"
     (mv "$path" "$path.moved") 2>/dev/null && echo "moves $path"
