@@ -159,6 +159,20 @@ fn a_broken_traverse_is_refused_with_file_and_line() {
 }
 
 #[test]
+fn a_description_that_is_no_file_or_never_ends_is_refused() {
+    let traverse = Traverse::without_pictures();
+    for target in ["/dev/zero", "/dev"] {
+        traverse.remove("traverse.toml");
+        std::os::unix::fs::symlink(target, traverse.path("traverse.toml")).unwrap();
+        let (code, text) = traverse.replay("out");
+        assert!(
+            code == 65 && text.contains("traverse.toml: is no file"),
+            "{code}: {text}"
+        );
+    }
+}
+
+#[test]
 fn an_empty_or_missing_traverse_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     for path in [folder.path().to_path_buf(), folder.path().join("nowhere")] {
