@@ -23,7 +23,7 @@ pub struct ConformanceArguments {
     /// The stage whose place the program takes.
     #[arg(value_name = "STAGE")]
     stage: Stage,
-    /// The stage's configuration, as the system file has it: 'radius_m = 0.2, rolls = "left"'.
+    /// The stage's configuration, as the system file has it; see the examples.
     #[arg(long, value_name = "TOML", conflicts_with = "system")]
     config: Option<String>,
     /// A system file that has the stage, with its configuration.

@@ -54,7 +54,7 @@ pub fn frame_sample(bytes: &[u8]) {
         frame.as_mut_bytes()[..HEAD].fill(0);
         frame.as_mut_bytes()[..head.len()].copy_from_slice(head);
         if !pixels.is_empty() {
-            let shown = (frame.image().len().max(1)).min(PIXELS_MAX);
+            let shown = frame.image().len().max(1);
             for (target, value) in frame.pixels[..shown].iter_mut().zip(pixels.iter().cycle()) {
                 *target = *value;
             }

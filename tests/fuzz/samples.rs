@@ -118,7 +118,7 @@ fn soil_stage_of(stage: &mut SoilEstimator, mut bytes: &[u8]) {
         if bytes.is_empty() {
             return;
         }
-        if take_byte(bytes) % 3 > 0 {
+        if !take_byte(bytes).is_multiple_of(3) {
             take_observation::<Wheel>(bytes)
                 .iter()
                 .for_each(|wheel| stage.observe_wheel(wheel));
