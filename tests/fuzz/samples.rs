@@ -152,7 +152,7 @@ pub fn soil_checkpoint(bytes: &[u8]) {
     let checkpoint = Box::new(Checkpoint::read_from_bytes(&checkpoint).expect("the length of a checkpoint"));
     let mut stage = SoilEstimator::new(Config::default());
     if stage.restore(&checkpoint).is_ok() {
-        soil_stage_of(&mut stage, &soil_drive(4));
+        soil_stage_of(&mut stage, &soil_drive(2));
     }
 }
 
