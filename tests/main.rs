@@ -3,8 +3,10 @@
 
 mod architecture;
 mod chaos;
+mod conformance;
 mod hostile;
 mod layout;
+mod privacy;
 mod recording;
 mod refusal;
 mod replacement;

@@ -1,7 +1,7 @@
 //! Bad input of every kind: a clear error with file and line, an exit code, and nothing left behind.
 
 use crate::recording::{Traverse, is_clean};
-use crate::rover::{Rover, told};
+use crate::rover::{Rover, program, told};
 
 fn validate(edit: impl Fn(String) -> String) -> (i32, String) {
     told(&["validate", &Rover::new(edit).file()])
@@ -44,6 +44,52 @@ fn a_wrong_system_file_is_refused_with_its_line() {
         assert!(code == 78 && text.contains(words), "{to}: {code}: {text}");
         assert!(text.contains("rover.toml:"), "no file and line: {text}");
     }
+}
+
+#[test]
+fn a_system_file_that_would_lead_elsewhere_or_never_ends_is_refused() {
+    let million: String = (0..1_000_000)
+        .map(|number| format!("[service.s{number}]\nexec = [\"true\"]\n"))
+        .collect();
+    for (from, to, words) in [
+        (
+            "[system]\nname = \"t",
+            "[system]\nname = \"../t",
+            "the system's name `../t",
+        ),
+        (
+            "\"front/wheel\"",
+            "\"../../front/wheel\"",
+            "\"../../front/wheel\" makes no wire's name",
+        ),
+        ("\"front/wheel\"", "\"a\\u0000b\"", "\"a\\0b\" makes no wire's name"),
+        (
+            "[service.terrain]",
+            "[service.\"/etc/terrain\"]",
+            "the service's name `/etc/terrain`",
+        ),
+        (
+            "[service.terrain]",
+            &(million + "[service.terrain]"),
+            "goes on beyond 256 KiB",
+        ),
+    ] {
+        let (code, text) = validate(|file| file.replace(from, to));
+        assert!(code == 78 && text.contains(words), "{code}: {text}");
+        assert!(text.contains("rover.toml:"), "no file and line: {text}");
+    }
+}
+
+#[test]
+fn a_service_that_is_started_by_hand_follows_no_name_out_of_its_folder() {
+    let rover = Rover::new(|file| file.replace("[system]\nname = \"t", "[system]\nname = \"../t"));
+    let output = std::process::Command::new(program("terrasense-sinkage"))
+        .args([&rover.file(), "sinkage"])
+        .output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(78), "{text}");
+    assert!(text.contains("rover.toml:5: `../t"), "{text}");
 }
 
 #[test]
@@ -108,6 +154,20 @@ fn a_broken_traverse_is_refused_with_file_and_line() {
         assert!(
             is_clean(&traverse.folder.path().join("out")),
             "{what} left something behind"
+        );
+    }
+}
+
+#[test]
+fn a_description_that_is_no_file_or_never_ends_is_refused() {
+    let traverse = Traverse::without_pictures();
+    for target in ["/dev/zero", "/dev"] {
+        traverse.remove("traverse.toml");
+        std::os::unix::fs::symlink(target, traverse.path("traverse.toml")).unwrap();
+        let (code, text) = traverse.replay("out");
+        assert!(
+            code == 65 && text.contains("traverse.toml: is no file"),
+            "{code}: {text}"
         );
     }
 }

@@ -158,14 +158,7 @@ impl Rover {
 
     /// What the system has in shared memory.
     pub fn traces(&self) -> Vec<String> {
-        let begin = format!("terrasense-{}", self.name);
-        let entries = std::fs::read_dir("/dev/shm").unwrap().filter_map(Result::ok);
-        let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
-        let belongs = |name: &String| {
-            name.strip_prefix(&begin)
-                .is_some_and(|rest| rest.is_empty() || rest.starts_with(['-', '.']))
-        };
-        names.filter(belongs).collect()
+        traces(&self.name)
     }
 }
 
@@ -174,6 +167,18 @@ impl Drop for Rover {
         self.down();
         terrasense(&["clean", "--name", &self.name]);
     }
+}
+
+/// What the system of a name has in shared memory.
+pub fn traces(name: &str) -> Vec<String> {
+    let begin = format!("terrasense-{name}");
+    let entries = std::fs::read_dir("/dev/shm").unwrap().filter_map(Result::ok);
+    let names = entries.map(|entry| entry.file_name().to_string_lossy().into_owned());
+    let belongs = |name: &String| {
+        name.strip_prefix(&begin)
+            .is_some_and(|rest| rest.is_empty() || rest.starts_with(['-', '.']))
+    };
+    names.filter(belongs).collect()
 }
 
 /// The process number in a row of the status.

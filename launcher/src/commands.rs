@@ -5,6 +5,8 @@ use crate::system::System;
 use clap::Args;
 use messages::ServiceState;
 use shell::{Error, SystemFile, Termination};
+use std::io::Write;
+use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 
@@ -97,8 +99,8 @@ pub fn check_configs(system: &System, path: Option<&str>) -> Result<(), Error> {
     let given = path.map(PathBuf::from);
     let readable = given.as_ref().unwrap_or(&scratch);
     if given.is_none() {
-        let written = std::fs::write(&scratch, &system.file.text);
-        written.map_err(|error| Error::unavailable(format!("{}: {error}", scratch.display())))?;
+        write_own(&scratch, &system.file.text)
+            .map_err(|error| Error::unavailable(format!("{}: {error}", scratch.display())))?;
     }
     let problems: Vec<String> = system
         .programs
@@ -120,6 +122,13 @@ pub fn check_configs(system: &System, path: Option<&str>) -> Result<(), Error> {
     } else {
         Err(Error::config(problems.join("\n")))
     }
+}
+
+/// Writes a file that nobody had made before, and that nobody else can read.
+fn write_own(path: &Path, text: &str) -> std::io::Result<()> {
+    let mut options = std::fs::OpenOptions::new();
+    let mut file = options.write(true).create_new(true).mode(0o600).open(path)?;
+    file.write_all(text.as_bytes())
 }
 
 /// What is wrong with the configuration of one service, if anything is.

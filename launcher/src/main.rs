@@ -2,6 +2,7 @@
 
 mod annotate;
 mod commands;
+mod conformance;
 mod control;
 mod demo;
 mod doctor;
@@ -9,6 +10,7 @@ mod figures;
 mod overlay;
 mod plots;
 mod policy;
+mod privacy;
 mod process;
 mod record;
 mod rehearsal;
@@ -62,6 +64,8 @@ enum Command {
     Apply(swap::ApplyArguments),
     /// Checks a system file without starting anything.
     Validate(commands::ValidateArguments),
+    /// Tries any program in the place of a stage: which rules of the replacement contract hold.
+    Conformance(conformance::ConformanceArguments),
     /// Prints the built-in system file, to start one's own from.
     DefaultSystem,
     /// Checks the machine: shared memory, limits, programs, leftovers.
@@ -101,6 +105,7 @@ fn run(command: Command) -> Result<ExitCode, Error> {
         Command::Swap(arguments) => swap::swap(&arguments),
         Command::Apply(arguments) => swap::apply(&arguments),
         Command::Validate(arguments) => commands::validate(&arguments),
+        Command::Conformance(arguments) => conformance::run(&arguments),
         Command::DefaultSystem => {
             print!("{}", commands::DEFAULT_SYSTEM);
             Ok(ExitCode::SUCCESS)

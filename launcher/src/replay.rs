@@ -204,13 +204,18 @@ fn check_endings(supervisor: &mut Supervisor) -> Result<(), Error> {
 fn describe(folder: &Path) -> Result<Traverse, Error> {
     let path = folder.join("traverse.toml");
     let shown = path.display().to_string();
-    let text = std::fs::read_to_string(&path).map_err(|error| {
+    let failed = |what: &dyn std::fmt::Display| {
         Error::data(format!(
-            "{shown}: {error}; a traverse folder needs at least:\n{}",
+            "{shown}: {what}; a traverse folder needs at least:\n{}",
             Traverse::EXAMPLE
         ))
-    })?;
-    Traverse::parse(&shown, &text).map_err(|error| Error::data(error.to_string()))
+    };
+    // A pipe would be waited for.
+    if path.exists() && !path.is_file() {
+        return Err(failed(&"is no file"));
+    }
+    let file = std::fs::File::open(&path).map_err(|error| failed(&error))?;
+    Traverse::read(&shown, Some(Box::new(file))).map_err(|error| Error::data(error.to_string()))
 }
 
 fn parts(folder: &Path) -> Result<Parts, Error> {

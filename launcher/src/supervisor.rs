@@ -4,6 +4,7 @@ mod succession;
 
 use crate::control::Ear;
 use crate::policy::{Decision, Ending, Policy};
+use crate::privacy;
 use crate::process::Process;
 use crate::root::Root;
 use crate::system::System;
@@ -119,6 +120,7 @@ impl Supervisor {
             );
         }
         let supervision = domain.create_supervision()?;
+        privacy::close(&system.file)?;
         let report = domain.output(SUPERVISION_WIRE, &termination)?;
         let services = system.file.services.iter().map(|(name, table)| {
             let service = Service {

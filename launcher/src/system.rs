@@ -39,6 +39,7 @@ impl System {
     /// # Errors
     /// Everything that is wrong with the graph, a line each, with the file's line and what to write instead.
     pub fn check(file: SystemFile, find: impl Fn(&str) -> Option<PathBuf>) -> Result<Self, Error> {
+        check_count(&file)?;
         let mut problems = Vec::new();
         check_names(&file, &mut problems);
         let programs = check_programs(&file, find, &mut problems);
@@ -59,16 +60,27 @@ impl System {
     }
 }
 
+/// Too many services are refused before anything else: what is wrong with each of them is not worth the time.
+fn check_count(file: &SystemFile) -> Result<(), Error> {
+    let count = file.services.len();
+    if count <= SERVICES_MAX {
+        return Ok(());
+    }
+    let line = file
+        .services
+        .keys()
+        .map(|name| file.service_line(name))
+        .nth(SERVICES_MAX);
+    Err(Error::config(format!(
+        "{}:{}: {count} services, at most {SERVICES_MAX} are possible; split the system in two, with two names",
+        file.path,
+        line.unwrap_or(1)
+    )))
+}
+
 fn check_names(file: &SystemFile, problems: &mut Vec<Error>) {
-    // No hyphen: it ends the name in `/dev/shm`, so that no system's files look like another's.
-    let proper = |name: &str| {
-        (1..=24).contains(&name.len())
-            && name
-                .bytes()
-                .all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_')
-    };
     let name = &file.system.name;
-    if !proper(name.get_ref()) {
+    if !SystemFile::is_name(name.get_ref()) {
         let what = format!(
             "the system's name `{}` must be 1 to 24 characters of a-z, 0-9 and _, e.g. name = \"rover\"",
             name.get_ref()
@@ -76,7 +88,7 @@ fn check_names(file: &SystemFile, problems: &mut Vec<Error>) {
         problems.push(file.error_at(name.span(), &what));
     }
     for (name, table) in &file.services {
-        if !proper(name) {
+        if !SystemFile::is_name(name) {
             let what = format!("the service's name `{name}` must be 1 to 24 characters of a-z, 0-9 and _");
             problems.push(file.error_at(table.exec.span(), &what));
         }
@@ -85,13 +97,6 @@ fn check_names(file: &SystemFile, problems: &mut Vec<Error>) {
         problems.push(Error::config(format!(
             "{}:1: no service; `terrasense default-system` prints an example",
             file.path
-        )));
-    }
-    if file.services.len() > SERVICES_MAX {
-        problems.push(Error::config(format!(
-            "{}:1: {} services, at most {SERVICES_MAX} are possible; split the system in two, with two names",
-            file.path,
-            file.services.len()
         )));
     }
 }
@@ -235,12 +240,13 @@ fn known_port(
 ) -> Option<Port> {
     let name = wire.get_ref();
     let proper = |byte: u8| byte.is_ascii_alphanumeric() || b"_-./".contains(&byte);
-    if name.is_empty() || name.len() > 100 || !name.bytes().all(proper) || name.starts_with("launcher/") {
+    let is_step = |part: &str| ["", ".", ".."].contains(&part);
+    if name.len() > 100 || !name.bytes().all(proper) || name.split('/').any(is_step) || name.starts_with("launcher/") {
         problems.push(file.error_at(
             wire.span(),
             &format!(
-                "`{name}` makes no wire's name: up to 100 characters of a-z, 0-9, _, -, . and /, not under launcher/; \
-                 write e.g. \"front/{port}\""
+                "{name:?} makes no wire's name: up to 100 characters of a-z, 0-9, _, -, . and /, no `..`, not under \
+                 launcher/; write e.g. \"front/{port}\""
             ),
         ));
         return None;
@@ -370,6 +376,55 @@ outputs = { soil = "soil" }
         ] {
             assert!(told.contains(words), "{told}");
         }
+    }
+
+    #[test]
+    fn a_name_that_would_lead_out_of_the_systems_folder_is_refused() {
+        for name in [
+            "../x",
+            "..",
+            "a/b",
+            "a b",
+            "a-b",
+            "",
+            "\\u0000",
+            "\\n",
+            &"x".repeat(25),
+            "é",
+        ] {
+            let told = refused(&CHAIN.replace("\"test\"", &format!("\"{name}\"")));
+            assert!(told.starts_with("rover.toml:2: the system's name"), "{name}: {told}");
+            let told = refused(&CHAIN.replace("service.camera", &format!("service.\"{name}\"")));
+            assert!(told.starts_with("rover.toml:4: the service's name"), "{name}: {told}");
+        }
+        let long = "x/".repeat(51);
+        for wire in [
+            "../../x",
+            "a/../b",
+            "/etc/x",
+            "a//b",
+            ".",
+            "a b",
+            "\\u0000",
+            "",
+            &long,
+            "launcher/x",
+        ] {
+            let told = refused(&CHAIN.replace("front/frames", wire));
+            assert!(told.starts_with("rover.toml:5: \""), "{wire}: {told}");
+            assert!(told.contains("makes no wire's name"), "{wire}: {told}");
+        }
+    }
+
+    #[test]
+    fn too_many_services_are_refused_at_once() {
+        let mut text = CHAIN.to_owned();
+        for number in 0..10_000 {
+            text += &format!("[service.s{number}]\nexec=[]\n");
+        }
+        let told = refused(&text);
+        assert!(told.contains(": 10002 services, at most 32 are possible"), "{told}");
+        assert_eq!(told.lines().count(), 1);
     }
 
     #[test]

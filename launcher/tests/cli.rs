@@ -21,6 +21,7 @@ fn help_names_every_command_and_the_exit_codes() {
         "vibration",
         "status",
         "validate",
+        "conformance",
         "doctor",
         "clean",
         "completions",

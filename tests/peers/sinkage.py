@@ -16,7 +16,7 @@ from terrasense_messages import PIXELS_MAX, Frame, Sinkage, Status  # noqa: E402
 
 
 def service(shell):
-    config = {"radius_m": 0.15, "rolls": "right"} | shell.config
+    config = shell.config(radius_m=0.15, rolls="right")
     frames, sinkage = shell.input("frames", Frame), shell.output("sinkage", Sinkage)
     shell.on_each(frames, sinkage, lambda frame: answer(frame, config))
 

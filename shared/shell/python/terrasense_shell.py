@@ -2,7 +2,8 @@
 
     def service(shell):
         frames, sinkage = shell.input("frames", Frame), shell.output("sinkage", Sinkage)
-        shell.on_each(frames, sinkage, lambda frame: answer(frame, shell.config))
+        config = shell.config(radius_m=0.15)
+        shell.on_each(frames, sinkage, lambda frame: answer(frame, config))
 
     sys.exit(terrasense_shell.main(service))
 
@@ -61,7 +62,6 @@ class Shell:
 
     def __init__(self, tables, name):
         self.table = tables["service"][name]
-        self.config = self.table.get("config", {})
         system = tables["system"]["name"]
         self.is_live = tables["system"].get("mode", "live") == "live"
         self.root = Path(f"/dev/shm/terrasense-{system}")
@@ -71,6 +71,14 @@ class Shell:
         generation = self.root / f"{name}.generation"
         self.generation = int(generation.read_text()) if generation.exists() else 0
         self.node = self._enter(f"terrasense-{system}-", name)
+
+    def config(self, **defaults):
+        """What the system file sets for this service, over the defaults. A key without a default is unknown."""
+        config = self.table.get("config", {})
+        unknown = sorted(config.keys() - defaults.keys())
+        if unknown:
+            raise Failure(EXIT_CONFIG, f"unknown key of config: {', '.join(unknown)}; known: {', '.join(defaults)}")
+        return defaults | config
 
     def input(self, port, message):
         """The wire whose samples trigger this service."""

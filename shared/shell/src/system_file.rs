@@ -4,9 +4,13 @@ use crate::Error;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
+use std::io::Read;
 use std::ops::Range;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
+
+/// Length of a system file at the most: of what is longer, nothing is parsed.
+const BYTES_MAX: usize = 256 << 10;
 
 /// A parsed system file. What its graph must fulfil beyond its form, the launcher checks.
 #[derive(Clone, Debug)]
@@ -123,6 +127,13 @@ impl SystemFile {
     /// # Errors
     /// Names the line of what is not TOML, unknown, missing or of another type.
     pub fn parse(path: &str, text: &str) -> Result<Self, Error> {
+        if text.len() > BYTES_MAX {
+            let line = line_of(text, BYTES_MAX);
+            return Err(Error::config(format!(
+                "{path}:{line}: the file goes on beyond {} KiB; a system file is a page or two",
+                BYTES_MAX >> 10
+            )));
+        }
         let tables: Tables = toml::from_str(text).map_err(|error| toml_error(path, text, &error))?;
         Ok(Self {
             path: path.into(),
@@ -137,12 +148,25 @@ impl SystemFile {
     /// # Errors
     /// As [`SystemFile::parse`], and where the file cannot be read.
     pub fn read(path: &str) -> Result<Self, Error> {
-        let text = std::fs::read_to_string(path).map_err(|error| {
+        let mut text = String::new();
+        // One byte more, by which `parse` sees that there is more.
+        let read = std::fs::File::open(path).and_then(|file| file.take(BYTES_MAX as u64 + 1).read_to_string(&mut text));
+        read.map_err(|error| {
             Error::config(format!(
                 "{path}: {error}; write one with `terrasense default-system > {path}`"
             ))
         })?;
         Self::parse(path, &text)
+    }
+
+    /// Whether a system or a service may have this name: it becomes a part of file names. No hyphen: that ends the name in
+    /// `/dev/shm`, so that no system's files look like another's.
+    #[must_use]
+    pub fn is_name(name: &str) -> bool {
+        (1..=24).contains(&name.len())
+            && name
+                .bytes()
+                .all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_')
     }
 
     /// The folder in which this system's iceoryx2 keeps its files, on a tmpfs.
@@ -267,6 +291,19 @@ mod tests {
             assert!(error.to_string().starts_with(words), "{error}");
             assert_eq!(error.code(), 78);
         }
+    }
+
+    #[test]
+    fn a_file_without_end_is_refused_before_it_is_parsed() {
+        let error = SystemFile::read("/dev/zero").unwrap_err();
+        assert!(
+            error
+                .to_string()
+                .starts_with("/dev/zero:1: the file goes on beyond 256 KiB")
+        );
+        let text = "# a line\n".repeat(100_000);
+        let error = SystemFile::parse("rover.toml", &text).unwrap_err();
+        assert!(error.to_string().starts_with("rover.toml:29128: the file"), "{error}");
     }
 
     #[test]
