@@ -1,7 +1,7 @@
 //! Faults at random instants in a system that runs, and what became of each estimation cycle.
 
 use crate::Outcome;
-use messages::{Status, Terrain};
+use messages::{Header, Soil, Status};
 use rustix::process::{Pid, Signal};
 use shell::{AnyTap, Domain, Port, SystemFile, Termination, now_ns, sleep_until};
 use std::collections::BTreeMap;
@@ -116,7 +116,9 @@ struct Seen {
     /// When each frame was published [ns].
     frames: BTreeMap<u64, u64>,
     /// Every terrain sample.
-    terrain: Vec<Terrain>,
+    terrain: Vec<Header>,
+    /// Every soil sample.
+    soil: Vec<Soil>,
 }
 
 /// The system that the faults happen to, and who looks at it.
@@ -125,7 +127,7 @@ struct Rover {
     programs: PathBuf,
     name: String,
     launcher: Child,
-    taps: Option<(Domain, AnyTap, AnyTap)>,
+    taps: Option<(Domain, [AnyTap; 3])>,
     seen: Seen,
     random: u64,
 }
@@ -202,11 +204,13 @@ impl Rover {
             sleep_until(now_ns() + 20 * MS_NS);
             // The wires are there some time after the folder is.
             let domain = Domain::enter(&system, "chaos")?;
-            if let (Ok(frames), Ok(terrain)) = (
-                domain.tap("front/frames", Port::Frames),
-                domain.tap("front/terrain", Port::Terrain),
-            ) {
-                rover.taps = Some((domain, frames, terrain));
+            let ports = [
+                ("front/frames", Port::Frames),
+                ("front/soil", Port::Soil),
+                ("front/terrain", Port::Terrain),
+            ];
+            if let [Ok(frames), Ok(soil), Ok(terrain)] = ports.map(|(wire, port)| domain.tap(wire, port)) {
+                rover.taps = Some((domain, [frames, soil, terrain]));
             }
         }
         Ok(rover)
@@ -233,13 +237,14 @@ impl Rover {
     }
 
     fn look(&mut self) -> Outcome<()> {
-        let (Some((_, frames, terrain)), seen) = (&self.taps, &mut self.seen) else {
+        let (Some((_, [frames, soil, terrain])), seen) = (&self.taps, &mut self.seen) else {
             return Ok(());
         };
         while frames.poll(&mut |header, _| {
             seen.frames.insert(header.sequence, header.published_ns);
         })? {}
-        while terrain.poll(&mut |_, bytes| seen.terrain.extend(Terrain::read_from_bytes(bytes)))? {}
+        while soil.poll(&mut |_, bytes| seen.soil.extend(Soil::read_from_bytes(bytes)))? {}
+        while terrain.poll(&mut |header, _| seen.terrain.push(*header))? {}
         Ok(())
     }
 
@@ -360,10 +365,7 @@ fn judge(events: &[Event], seen: &Seen) -> Verdict {
     let mut verdict = Verdict::default();
     let mut terrain: BTreeMap<u64, (u64, u64)> = BTreeMap::new();
     for sample in &seen.terrain {
-        terrain
-            .entry(sample.header.sequence)
-            .or_insert((sample.header.published_ns, 0))
-            .1 += 1;
+        terrain.entry(sample.sequence).or_insert((sample.published_ns, 0)).1 += 1;
     }
     let first = terrain.first_key_value().map_or(u64::MAX, |(sequence, _)| *sequence);
     for (index, event) in events.iter().enumerate() {
@@ -387,30 +389,32 @@ fn judge(events: &[Event], seen: &Seen) -> Verdict {
                 row.late += u64::from(published_ns.saturating_sub(*sent_ns) > LATE_NS);
             }
         }
-        let inside = |sample: &&Terrain| (start_ns..end_ns).contains(&sample.header.published_ns);
-        let after: Vec<&Terrain> = seen.terrain.iter().filter(inside).collect();
-        let gaps = after
-            .windows(2)
-            .map(|pair| pair[1].header.published_ns.saturating_sub(pair[0].header.published_ns));
-        row.gaps_ms.extend(gaps.max().map(|gap_ns| gap_ns as f64 / 1e6));
-        let before = seen
+        let inside = |header: &&Header| (start_ns..end_ns).contains(&header.published_ns);
+        let after: Vec<u64> = seen
             .terrain
             .iter()
-            .rfind(|sample| sample.header.published_ns < start_ns);
-        let next = after.iter().find(|sample| sample.header.published_ns > event.at_ns);
+            .filter(inside)
+            .map(|header| header.published_ns)
+            .collect();
+        let gaps = after.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
+        row.gaps_ms.extend(gaps.max().map(|gap_ns| gap_ns as f64 / 1e6));
+        let before = seen.soil.iter().rfind(|sample| sample.header.published_ns < start_ns);
+        let next = seen.soil.iter().find(|sample| sample.header.published_ns > event.at_ns);
         row.jumps += u64::from(before.zip(next).is_some_and(|(before, next)| jumps(before, next)));
     }
     verdict
 }
 
-/// Whether an estimate starts over: it was known and no longer is, or lies farther off than its own sigma.
-fn jumps(before: &Terrain, next: &Terrain) -> bool {
-    let is_known = |sample: &Terrain| sample.soil_status == Status::OK;
-    if !is_known(before) {
+/// Whether an estimate starts over, though the soil is the same: it rests on fewer rows, or lies farther off than its own
+/// sigma.
+fn jumps(before: &Soil, next: &Soil) -> bool {
+    let is_known = |sample: &Soil| sample.header.status == Status::OK;
+    if !is_known(before) || next.resets != before.resets {
         return false;
     }
     let off = |before: f64, next: f64, sigma: f64| (next - before).abs() > sigma;
     !next.cohesion_pa.is_finite()
+        || next.rows < before.rows
         || off(before.cohesion_pa, next.cohesion_pa, before.cohesion_sigma_pa)
         || off(before.friction_rad, next.friction_rad, before.friction_sigma_rad)
 }

@@ -13,9 +13,10 @@ const MS_NS: u64 = 1_000_000;
 const HOLD_NS: u64 = 30_000_000_000;
 /// What ends a process without its doing: an operator, a test, the kernel for want of memory.
 const SIGKILL: Ending = Ending::Signal(9);
-/// The first pause after such an end of a young process, and how often it doubles [ns].
-const PAUSE_KILLED_NS: u64 = 10_000_000;
-const PAUSE_KILLED_DOUBLINGS: u32 = 4;
+/// The first pause after such ends of young processes [ns], after how many, and how often it doubles.
+const PAUSE_KILLED_NS: u64 = 5_000_000;
+const KILLED_FREELY: u32 = 4;
+const PAUSE_KILLED_DOUBLINGS: u32 = 5;
 /// The exit code of a configuration error: starting again cannot mend it.
 const EXIT_CONFIG: i32 = 78;
 
@@ -99,9 +100,12 @@ impl Policy {
         let is_young = now_ns.saturating_sub(started_ns) < self.minimum_run_ns;
         if ending == SIGKILL {
             // It says nothing against the service: however often, it comes back.
-            let pause_ns = PAUSE_KILLED_NS << self.short_runs.min(PAUSE_KILLED_DOUBLINGS);
             self.short_runs = if is_young { self.short_runs.saturating_add(1) } else { 0 };
-            return Decision::RestartAt(now_ns + if is_young { pause_ns } else { 0 });
+            let pause_ns = match self.short_runs.checked_sub(KILLED_FREELY) {
+                Some(further) => PAUSE_KILLED_NS << further.min(PAUSE_KILLED_DOUBLINGS),
+                None => 0,
+            };
+            return Decision::RestartAt(now_ns + pause_ns);
         }
         while self
             .restarts
