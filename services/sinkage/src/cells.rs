@@ -84,22 +84,25 @@ impl Lookup {
     }
 
     /// Prepares for a rim in a picture of rows of `width` pixels.
+    #[inline(always)]
     pub fn prepare(&mut self, rim: &Rim, width: usize) {
         self.runs.clear();
         for row in rim.rows.clone() {
             for span in spans(rim, row) {
-                let mut first = span.start;
-                while first < span.end {
-                    let length = BLOCK.min(span.end - first);
-                    self.add(first, length, row, &span, rim, width);
-                    first += length;
+                // Texture compares within the span, since what lies beyond it is no rim: the first pixels with those after.
+                let within = (span.start + APART).min(span.end);
+                self.add(span.start..within, APART as i8, row, rim, width);
+                for first in (within..span.end).step_by(BLOCK) {
+                    self.add(first..span.end.min(first + BLOCK), -(APART as i8), row, rim, width);
                 }
             }
         }
     }
 
-    /// Adds pixels of one row of the picture, from column `first` on.
-    fn add(&mut self, first: usize, length: usize, row: usize, span: &Range<usize>, rim: &Rim, width: usize) {
+    /// Adds at most [`BLOCK`] pixels of one row of the picture.
+    #[inline(always)]
+    fn add(&mut self, columns: Range<usize>, apart: i8, row: usize, rim: &Rim, width: usize) {
+        let (first, length) = (columns.start, columns.len().min(BLOCK));
         let [a, b, c, d, e, f, g, h, i] = rim.plane;
         let (x, y) = (first as f64, row as f64);
         let start = [a * x + b * y + c, d * x + e * y + f, g * x + h * y + i].map(|value| value as f32);
@@ -115,31 +118,25 @@ impl Lookup {
             let side = if right >= 0.0 { COLUMNS as i32 } else { 0 };
             *cell = ((side + column) * ROWS as i32 + height) as u16;
         }
-        for (column, cell) in (first..).zip(&cells[..length]) {
-            // Within the span: what lies beyond it is no rim.
-            let apart = if column >= span.start + APART {
-                -(APART as i8)
-            } else {
-                APART as i8
-            };
-            let more = |run: &&mut Run| {
-                column > first && run.cell == *cell && run.apart == apart && usize::from(run.length) < BLOCK
-            };
-            if let Some(run) = self.runs.last_mut().filter(more) {
-                run.length += 1;
-            } else if self.runs.len() < self.runs.capacity() {
-                // Always so: a frame has no more pixels than that.
+        let cells = &cells[..length];
+        let mut done = 0;
+        for end in 1..=length {
+            // Of pixels side by side in one cell, up to the last of them.
+            if cells.get(end) != cells.get(done) && self.runs.len() < self.runs.capacity() {
+                // There is room: a frame has no more pixels than that.
                 self.runs.push(Run {
-                    first: (row * width + column) as u32,
-                    cell: *cell,
-                    length: 1,
+                    first: (row * width + first + done) as u32,
+                    cell: cells[done],
+                    length: (end - done) as u8,
                     apart,
                 });
+                done = end;
             }
         }
     }
 
     /// Sums the picture's cells: `[left, right]`.
+    #[inline(always)]
     pub fn accumulate(&self, image: &[u8], table: &[Sums; 256], sides: &mut [Cells; 2]) {
         for side in &mut *sides {
             side.cells = Cells::EMPTY.cells;
@@ -182,6 +179,7 @@ impl Default for Lookup {
 }
 
 /// The columns of a row of the picture that show the lower half of the annulus: left and right of the wheel's inside.
+#[inline(always)]
 fn spans(rim: &Rim, row: usize) -> [Range<usize>; 2] {
     let [a, b, c, d, e, f, g, h, i] = rim.plane;
     let y = row as f64;

@@ -44,6 +44,7 @@ impl Shift {
 
     /// Fits a circle to the inner edge; `None` where too little of it can be seen.
     #[must_use]
+    #[inline(always)]
     pub fn find(image: &[u8], width: usize, frame: &Frame) -> Option<Self> {
         let step = SAMPLE_PX / frame.wheel_radius_px;
         let ratio = frame.rim_radius_px / frame.wheel_radius_px;
@@ -90,6 +91,7 @@ impl Shift {
 }
 
 /// Where on a ray the gray values rise the most, outwards from the expected place, in outer radii.
+#[inline(always)]
 fn edge(
     image: &[u8],
     width: usize,
@@ -146,6 +148,7 @@ fn bilinear(image: &[u8], width: usize, column: f32, row: f32) -> Option<f32> {
 
 /// Right, down and outward of the circle through the edges `(sin, cos, outward)`: Tukey's weights, and a prior from what
 /// the geometry is known to. `pixel` is one pixel in outer radii.
+#[inline(always)]
 fn circle(edges: &[(f64, f64, f64)], pixel: f64) -> Option<[f64; 3]> {
     if (edges.len() as f64) < RAYS_MIN {
         return None;
@@ -194,6 +197,7 @@ fn median(edges: &[(f64, f64, f64)]) -> f64 {
 }
 
 /// Cramer's rule.
+#[inline(always)]
 fn solve(a: &[[f64; 3]; 3], b: [f64; 3]) -> Option<[f64; 3]> {
     let determinant = |m: &[[f64; 3]; 3]| {
         m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) - m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0])
