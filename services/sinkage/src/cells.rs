@@ -113,25 +113,31 @@ impl Lookup {
             let scale = 1.0 / (start[2] + along * step[2]);
             let right = (start[0] + along * step[0]) * scale;
             let down = (start[1] + along * step[1]) * scale;
-            let column = ((right.abs() * COLUMNS as f32) as i32).clamp(0, COLUMNS as i32 - 1);
-            let height = ((down * ROWS as f32) as i32).clamp(0, ROWS as i32 - 1);
-            let side = if right >= 0.0 { COLUMNS as i32 } else { 0 };
-            *cell = ((side + column) * ROWS as i32 + height) as u16;
+            let side = if right >= 0.0 { (COLUMNS * ROWS) as u32 } else { 0 };
+            let column = floor(right.abs() * COLUMNS as f32, COLUMNS as u32 - 1);
+            let height = floor(down * ROWS as f32, ROWS as u32 - 1);
+            *cell = (side + column * ROWS as u32 + height) as u16;
         }
-        let cells = &cells[..length];
+        // A bit for each pixel that is the last of a run: the next one belongs to another cell.
+        let mut ends = 1_u64 << (length.max(1) - 1);
+        for k in 1..BLOCK {
+            ends |= u64::from(cells[k] != cells[k - 1]) << (k - 1);
+        }
+        ends &= (1 << length) - 1;
         let mut done = 0;
-        for end in 1..=length {
-            // Of pixels side by side in one cell, up to the last of them.
-            if cells.get(end) != cells.get(done) && self.runs.len() < self.runs.capacity() {
-                // There is room: a frame has no more pixels than that.
+        while ends != 0 {
+            let last = ends.trailing_zeros() as usize;
+            // There is room: a frame has no more pixels than that.
+            if self.runs.len() < self.runs.capacity() {
                 self.runs.push(Run {
                     first: (row * width + first + done) as u32,
-                    cell: cells[done],
-                    length: (end - done) as u8,
+                    cell: cells[done % BLOCK],
+                    length: (last + 1 - done) as u8,
                     apart,
                 });
-                done = end;
             }
+            done = last + 1;
+            ends &= ends - 1;
         }
     }
 
@@ -176,6 +182,14 @@ impl Default for Lookup {
     fn default() -> Self {
         Self::new()
     }
+}
+
+/// The whole number below a value, 0 to `most`: the last bits of a sum so large that its unit is 1, since the compiler makes
+/// vectors of it and not of `as`.
+#[inline(always)]
+fn floor(value: f32, most: u32) -> u32 {
+    const LARGE: f32 = 12_582_912.0;
+    (value.max(0.0).min(most as f32 + 0.5) - 0.5 + LARGE).to_bits() & 0x003f_ffff
 }
 
 /// The columns of a row of the picture that show the lower half of the annulus: left and right of the wheel's inside.
