@@ -5,8 +5,8 @@ mod parts;
 use bench::{Day, Options, Outcome, Report, Series};
 use clap::Parser;
 use messages::{Frame, Soil, TerrainClass};
-use shell::now_ns;
 use parts::Parts;
+use shell::now_ns;
 use sinkage::{Method, SinkageTracker};
 use std::hint::black_box;
 use terrain::TerrainFusion;
@@ -139,7 +139,11 @@ impl Times {
             step(&mut self.sinkage_moving, &mut moving, &frames.moving);
             step(&mut self.sinkage_largest_change, &mut largest_change, &frames.still);
             step(&mut self.sinkage_large, &mut large, &frames.large);
-            for (series, time_ns) in self.parts.iter_mut().zip(parts.measure(&frames.again[index % PICTURES])) {
+            for (series, time_ns) in self
+                .parts
+                .iter_mut()
+                .zip(parts.measure(&frames.again[index % PICTURES]))
+            {
                 series.record(time_ns);
             }
             let time_s = index as f64 * 0.123;

@@ -151,7 +151,9 @@ fn samples(image: &[u8], width: usize, (column, row): (f32, f32), (right, down):
     }
     let mut corners = [[0.0_f32; LANES]; 4];
     for j in 0..SAMPLES {
-        let first = (rows[j] as usize).checked_mul(width)?.checked_add(columns[j] as usize)?;
+        let first = (rows[j] as usize)
+            .checked_mul(width)?
+            .checked_add(columns[j] as usize)?;
         let above: &[u8; 2] = image.get(first..)?.first_chunk()?;
         let below: &[u8; 2] = image.get(first.checked_add(width)?..)?.first_chunk()?;
         let grays = [above[0], above[1], below[0], below[1]];

@@ -91,6 +91,9 @@ impl SinkageTracker {
     /// What is in the picture, or why there is nothing.
     fn find(&mut self, frame: &Frame) -> Result<Found, Status> {
         let image = frame.image();
+        if frame.header.status == Status::NO_DATA {
+            return Err(Status::NO_DATA);
+        }
         if !frame.header.status.is_answer() || image.is_empty() {
             return Err(Status::INPUT_REJECTED);
         }
