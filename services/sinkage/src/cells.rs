@@ -15,6 +15,9 @@ const DARK_PIXEL: f32 = 16.0;
 const MIDDLE: f32 = 4.0;
 /// Distance of the pixels whose ratio is the texture: neighbours are blurred into each other.
 const APART: usize = 2;
+/// The last of the four [`Sums`], and the others.
+const LAST: Sums = [0.0, 0.0, 0.0, 1.0];
+const OTHERS: Sums = [1.0, 1.0, 1.0, 0.0];
 /// Pixels whose cells are worked out together.
 const BLOCK: usize = 32;
 
@@ -157,10 +160,11 @@ impl Lookup {
             };
             let mut sums = [0.0; 4];
             for (&gray, &other) in pixels.iter().zip(others) {
-                let [one, log, square, texture] = table[usize::from(gray)];
-                let step = texture - table[usize::from(other)][3];
-                for (sum, term) in sums.iter_mut().zip([one, log, square, step * step]) {
-                    *sum += term;
+                let (here, there) = (&table[usize::from(gray)], &table[usize::from(other)]);
+                for k in 0..4 {
+                    // The last is squared, after the other pixel's is taken off: in all four alike, as one vector.
+                    let off = there[k] * LAST[k];
+                    sums[k] += (here[k] - off) * (OTHERS[k] + here[k] * LAST[k] - off);
                 }
             }
             let cell = usize::from(run.cell);
