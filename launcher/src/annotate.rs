@@ -286,7 +286,11 @@ fn table_of(rows: &[FrameRow]) -> String {
             row.pitch_rad
         );
         match row.homography {
-            Some(homography) => homography.iter().for_each(|value| drop(write!(text, ",{value:.6}"))),
+            Some(homography) => {
+                for value in homography {
+                    let _ = write!(text, ",{value:.6}");
+                }
+            }
             None => text.push_str(&",".repeat(columns - (FRAME_COLUMNS.len() - 9))),
         }
         text.push('\n');
