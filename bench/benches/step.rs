@@ -1,8 +1,11 @@
 //! Compute time of each stage: its lib called directly, on input made beforehand.
 
+mod parts;
+
 use bench::{Day, Options, Outcome, Report, Series};
 use clap::Parser;
 use messages::{Frame, Soil, TerrainClass};
+use parts::Parts;
 use shell::now_ns;
 use sinkage::{Method, SinkageTracker};
 use std::hint::black_box;
@@ -13,7 +16,7 @@ use vibration::features::Extractor;
 use vibration::recording::Window;
 use vibration::window::Quality;
 use vibration::{Model, VibrationClassifier};
-use zerocopy::FromZeros;
+use zerocopy::{FromZeros, IntoBytes};
 
 const ROUNDS: usize = 5;
 /// Pictures that are worked on by turns: more than a cache holds.
@@ -34,9 +37,11 @@ struct Times {
     clock: Series,
     render: Series,
     sinkage: Series,
+    sinkage_again: Series,
     sinkage_moving: Series,
     sinkage_largest_change: Series,
     sinkage_large: Series,
+    parts: [Series; parts::NAMES.len()],
     terramechanics: Series,
     terramechanics_linear: Series,
     piece: Series,
@@ -54,10 +59,12 @@ fn main() -> Outcome<()> {
     let mut times = Times {
         clock: Series::new("reading the clock (part of every time below)"),
         render: Series::new("simulation: one VGA picture"),
-        sinkage: Series::new("sinkage: one VGA picture, the wheel where it was"),
+        sinkage: Series::new("sinkage: one VGA picture, the wheel said to be where it was, and shaken by up to 3 px"),
+        sinkage_again: Series::new("sinkage: one VGA picture, the wheel where it was"),
         sinkage_moving: Series::new("sinkage: one VGA picture, the wheel elsewhere in each"),
         sinkage_largest_change: Series::new("sinkage, largest_change: one VGA picture"),
         sinkage_large: Series::new("sinkage: the same wheel in the largest picture that a frame holds"),
+        parts: parts::NAMES.map(|part| Series::new(format!("sinkage, part: {part}"))),
         terramechanics: Series::new("terramechanics, full: a cycle, with its share of the solution over the window"),
         terramechanics_linear: Series::new("terramechanics, linear: a cycle"),
         piece: Series::new("vibration: a piece of 0.1 s"),
@@ -74,20 +81,24 @@ fn main() -> Outcome<()> {
             times.windows(&day);
         }
     }
-    report.table("Compute time of a step", &times.all().map(|series| series.clone()));
+    let all: Vec<Series> = times.all().map(|series| series.clone()).collect();
+    report.table("Compute time of a step", &all);
     report.end()
 }
 
 impl Times {
     /// In the order of the table.
-    fn all(&mut self) -> [&mut Series; 13] {
-        [
+    fn all(&mut self) -> impl Iterator<Item = &mut Series> {
+        let pictures = [
             &mut self.clock,
             &mut self.render,
             &mut self.sinkage,
+            &mut self.sinkage_again,
             &mut self.sinkage_moving,
             &mut self.sinkage_largest_change,
             &mut self.sinkage_large,
+        ];
+        let numbers = [
             &mut self.terramechanics,
             &mut self.terramechanics_linear,
             &mut self.piece,
@@ -95,7 +106,8 @@ impl Times {
             &mut self.features,
             &mut self.decision,
             &mut self.terrain,
-        ]
+        ];
+        pictures.into_iter().chain(&mut self.parts).chain(numbers)
     }
 
     fn begin_round(&mut self) {
@@ -112,7 +124,8 @@ impl Times {
                 ..sinkage::Config::default()
             })
         };
-        let [mut still, mut moving, mut large] = [(); 3].map(|()| tracker(Method::Contrast));
+        let [mut still, mut again, mut moving, mut large] = [(); 4].map(|()| tracker(Method::Contrast));
+        let mut parts = Parts::new();
         let mut largest_change = tracker(Method::LargestChange);
         let mut canvas = Frame::new_box_zeroed().expect("there is memory for a picture");
         for index in 0..count {
@@ -122,9 +135,17 @@ impl Times {
                 series.record(timed(|| tracker.step(black_box(frame))).0);
             };
             step(&mut self.sinkage, &mut still, &frames.still);
+            step(&mut self.sinkage_again, &mut again, &frames.again);
             step(&mut self.sinkage_moving, &mut moving, &frames.moving);
             step(&mut self.sinkage_largest_change, &mut largest_change, &frames.still);
             step(&mut self.sinkage_large, &mut large, &frames.large);
+            for (series, time_ns) in self
+                .parts
+                .iter_mut()
+                .zip(parts.measure(&frames.again[index % PICTURES]))
+            {
+                series.record(time_ns);
+            }
             let time_s = index as f64 * 0.123;
             self.render
                 .record(timed(|| day.rover.render(black_box(time_s), &mut canvas)).0);
@@ -211,10 +232,12 @@ impl Times {
     }
 }
 
-/// What the camera sees, in three ways.
+/// What the camera sees, in four ways.
 struct Pictures {
     /// The wheel is said to be where it is in the first.
     still: Vec<Box<Frame>>,
+    /// The wheel is where it is in the first, in as many pictures.
+    again: Vec<Box<Frame>>,
     /// The wheel is said to be elsewhere in each.
     moving: Vec<Box<Frame>>,
     /// The first ones, in the corner of a picture as large as a frame holds.
@@ -234,8 +257,14 @@ impl Pictures {
             }
             shift(moving, 0.5 * (index % 5) as f64, 0.5 * (index % 3) as f64);
         }
+        let again = still.iter().map(|_| copied(&still[0])).collect();
         let large = still.iter().map(|frame| enlarged(frame)).collect();
-        Self { still, moving, large }
+        Self {
+            still,
+            again,
+            moving,
+            large,
+        }
     }
 }
 
@@ -246,6 +275,12 @@ fn shift(frame: &mut Frame, right_px: f64, down_px: f64) {
         frame.homography[column] += right_px * frame.homography[6 + column];
         frame.homography[3 + column] += down_px * frame.homography[6 + column];
     }
+}
+
+fn copied(frame: &Frame) -> Box<Frame> {
+    let mut copy = Frame::new_box_zeroed().expect("there is memory for a picture");
+    copy.as_mut_bytes().copy_from_slice(frame.as_bytes());
+    copy
 }
 
 /// The picture in the lower right of the largest that a frame holds.

@@ -1,6 +1,7 @@
 //! `terrasense annotate`: finds the wheel in one's own pictures and writes their frames.csv, with overlays to check.
 
 use crate::overlay;
+use crate::perspective::Face;
 use clap::Args;
 use image::GrayImage;
 use shell::Error;
@@ -8,8 +9,10 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use traverse::FrameRow;
+use traverse::{FRAME_COLUMNS, FrameRow};
 
+/// Pitches beyond this are a mistake.
+const PITCH_MAX_RAD: f64 = 1.6;
 /// Side of a cell of centres that votes are counted in [px].
 const CELL_PX: usize = 3;
 /// Width to which a picture is reduced for the search [px].
@@ -37,6 +40,7 @@ const COSINE_MAX: f64 = 0.6;
 
 /// `terrasense annotate`
 #[derive(Debug, Args)]
+#[command(after_long_help = HELP)]
 pub struct AnnotateArguments {
     /// A folder of PNG pictures of a wheel, seen from the side. `frames.csv` is written into it.
     #[arg(value_name = "FOLDER")]
@@ -44,9 +48,41 @@ pub struct AnnotateArguments {
     /// Seconds from one picture to the next.
     #[arg(long, value_name = "S", default_value_t = 1.0)]
     interval: f64,
+    /// The angle by which straight down, on the rover, is turned towards the right of the picture [rad]: of a camera that is
+    /// fixed to the rover it is the same in all pictures. It cannot be seen in a picture of a wheel.
+    #[arg(long, value_name = "RAD", default_value_t = 0.0, allow_negative_numbers = true)]
+    pitch: f64,
+    /// Whether the rim may be an ellipse, because the camera does not look straight at the wheel: h11 to h33 are then written.
+    #[arg(long, value_enum, default_value_t = Perspective::Detect)]
+    perspective: Perspective,
     /// Replaces a frames.csv that is there.
     #[arg(long)]
     replace: bool,
+}
+
+const HELP: &str = "\
+Each row of frames.csv gives a picture's wheel: centre and radii, the pitch, and, where the rim is visibly no circle, the
+homography h11 to h33 (row by row) from the wheel's face to the picture: X to the right and Z down along the rover's own axes,
+the outer radius being 1. The sinkage is measured along Z.
+
+The pitch: v_down = (sin pitch, cos pitch) in the picture, x to the right and y down. Lay a straight line through two points
+of the rover that are one above the other, (x1, y1) the upper and (x2, y2) the lower one: pitch = atan2(x2 - x1, y2 - y1). Or
+of two points that are level, (x1, y1) left and (x2, y2) right: pitch = atan2(y1 - y2, x2 - x1).
+
+Perspective: a wheel that is seen at an angle is an ellipse, and its centre is not in the ellipse's middle. A circle is then wrong
+by some percent of the radius. `detect` fits the homography to both edges of the rim, and writes it where they are visibly no circles.
+Check the overlays: both drawn edges must lie on the rim all around.
+
+  terrasense annotate pictures --interval 0.5 --pitch -0.03
+";
+
+/// How the rim is seen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Perspective {
+    /// As an ellipse where it visibly is one, else as a circle.
+    Detect,
+    /// As a circle.
+    None,
 }
 
 /// Finds the wheel in every picture.
@@ -62,12 +98,16 @@ pub fn run(arguments: &AnnotateArguments) -> Result<ExitCode, Error> {
     if !(arguments.interval > 0.0 && arguments.interval < 1e6) {
         return Err(Error::data("--interval: must be above 0 and below 1000000"));
     }
+    if arguments.pitch.is_nan() || arguments.pitch.abs() > PITCH_MAX_RAD {
+        return Err(Error::data(format!(
+            "--pitch: must be -{PITCH_MAX_RAD} to {PITCH_MAX_RAD} rad"
+        )));
+    }
     let pictures = pictures(folder)?;
     let shown = folder.join("overlay");
     std::fs::create_dir_all(&shown).map_err(|error| at(&shown, &error))?;
     let wheels = agree(folder, &pictures)?;
-    let mut text = String::from("file,taken_s,center_x_px,center_y_px,rim_radius_px,wheel_radius_px,pitch_rad\n");
-    let mut missing = 0;
+    let (mut rows, mut missing) = (Vec::new(), 0);
     for (sequence, (file, wheel)) in pictures.iter().zip(&wheels).enumerate() {
         let path = folder.join(file);
         let Some(wheel) = wheel else {
@@ -80,23 +120,28 @@ pub fn run(arguments: &AnnotateArguments) -> Result<ExitCode, Error> {
             missing += 1;
             continue;
         };
-        let taken_s = sequence as f64 * arguments.interval;
-        let _ = writeln!(
-            text,
-            "{file},{taken_s:.6},{:.2},{:.2},{:.2},{:.2},0",
-            wheel.center.0, wheel.center.1, wheel.rim_px, wheel.outer_px
-        );
-        let mut picture = image::open(&path).map_err(|error| at(&path, &error))?.into_rgb8();
-        overlay::draw(&mut picture, &row(file, sequence, wheel), None);
+        let picture = image::open(&path).map_err(|error| at(&path, &error))?;
+        let face = match arguments.perspective {
+            Perspective::Detect => Face::find(&picture.to_luma8(), wheel.center, wheel.rim_px, wheel.outer_px),
+            Perspective::None => None,
+        };
+        let row = row(file, sequence, wheel, face, arguments);
+        let mut picture = picture.into_rgb8();
+        overlay::draw(&mut picture, &row, None);
         let path = shown.join(file);
         picture.save(&path).map_err(|error| at(&path, &error))?;
+        rows.push(row);
     }
+    let seen_askew = rows.iter().filter(|row| row.homography.is_some()).count();
+    let text = table_of(&rows);
     std::fs::write(&table, text).map_err(|error| at(&table, &error))?;
     println!(
-        "{}: {} pictures; look at {} and correct what is wrong, the pitch too",
+        "{}: {} pictures, {seen_askew} of them with a homography; look at {} and correct what is wrong; the pitch is {} rad \
+         in all of them (--help says how to measure it)",
         table.display(),
-        pictures.len() - missing,
-        shown.display()
+        rows.len(),
+        shown.display(),
+        arguments.pitch
     );
     Ok(ExitCode::from(u8::from(missing > 0)))
 }
@@ -195,19 +240,62 @@ fn pictures(folder: &Path) -> Result<Vec<String>, Error> {
     Ok(files)
 }
 
-fn row(file: &str, sequence: usize, wheel: &Wheel) -> FrameRow {
-    FrameRow {
+fn row(file: &str, sequence: usize, wheel: &Wheel, face: Option<Face>, arguments: &AnnotateArguments) -> FrameRow {
+    let circle = FrameRow {
         line: 0,
         sequence: sequence as u64,
         file: file.to_owned(),
-        taken_ns: 0,
+        taken_ns: (sequence as f64 * arguments.interval * 1e9).round() as u64,
         center_x_px: wheel.center.0,
         center_y_px: wheel.center.1,
         rim_radius_px: wheel.rim_px,
         wheel_radius_px: wheel.outer_px,
-        pitch_rad: 0.0,
+        pitch_rad: arguments.pitch,
         homography: None,
+    };
+    let Some(face) = face else { return circle };
+    let (center, outer_px) = (face.pixel(0.0, 0.0), face.outer_px());
+    FrameRow {
+        center_x_px: center.0,
+        center_y_px: center.1,
+        rim_radius_px: face.rim * outer_px,
+        wheel_radius_px: outer_px,
+        homography: Some(face.pitched(arguments.pitch)),
+        ..circle
     }
+}
+
+/// The text of frames.csv; with the homography's columns where a row has one.
+fn table_of(rows: &[FrameRow]) -> String {
+    let columns = if rows.iter().any(|row| row.homography.is_some()) {
+        FRAME_COLUMNS.len()
+    } else {
+        FRAME_COLUMNS.len() - 9
+    };
+    let mut text = FRAME_COLUMNS[..columns].join(",") + "\n";
+    for row in rows {
+        let _ = write!(
+            text,
+            "{},{:.6},{:.2},{:.2},{:.2},{:.2},{}",
+            row.file,
+            row.taken_ns as f64 * 1e-9,
+            row.center_x_px,
+            row.center_y_px,
+            row.rim_radius_px,
+            row.wheel_radius_px,
+            row.pitch_rad
+        );
+        match row.homography {
+            Some(homography) => {
+                for value in homography {
+                    let _ = write!(text, ",{value:.6}");
+                }
+            }
+            None => text.push_str(&",".repeat(columns - (FRAME_COLUMNS.len() - 9))),
+        }
+        text.push('\n');
+    }
+    text
 }
 
 /// A wheel, seen as two circles about one centre [px].
@@ -403,6 +491,7 @@ fn edge(picture: &GrayImage, center: (f64, f64), radius: f64) -> (f64, f64) {
 mod tests {
     use super::*;
     use image::Luma;
+    use zerocopy::FromZeros;
 
     /// A rim of 120 to 150 px, with soil below; what is nearer than 40 px to `decoy` is white, and black around.
     fn drawn(center: (f64, f64), decoy: Option<(f64, f64)>) -> GrayImage {
@@ -446,6 +535,53 @@ mod tests {
         for (wheel, center) in wheels.iter().zip(centers) {
             assert!(is_near(wheel.as_ref().unwrap(), center), "{wheel:?} at {center:?}");
         }
+    }
+
+    #[test]
+    fn a_rendered_wheel_in_perspective_gets_the_homography_that_it_was_rendered_with() {
+        let mut frame = messages::Frame::new_box_zeroed().unwrap();
+        let mut found = 0;
+        for seed in 0..6 {
+            simulation::conditions::Clip::new(simulation::conditions::Condition::Bentonite, seed)
+                .paint(0.0, &mut frame);
+            let picture = GrayImage::from_raw(frame.width, frame.height, frame.image().to_vec()).unwrap();
+            let start = find(&picture, None).unwrap();
+            let face = Face::find(&picture, start.center, start.rim_px, start.outer_px);
+            let truth = Face {
+                homography: frame.homography,
+                rim: 0.0,
+            };
+            let Some(face) = face else {
+                println!("{seed}: circle");
+                continue;
+            };
+            found += 1;
+            // As the user measures it: the direction of the rover's own down in the picture.
+            let (above, below) = (truth.pixel(0.0, -0.1), truth.pixel(0.0, 0.1));
+            let pitched = Face {
+                homography: face.pitched((below.0 - above.0).atan2(below.1 - above.1)),
+                ..face
+            };
+            // Of the rim's lower half, where the sinkage is measured.
+            for k in -4..=4 {
+                let (sin, cos) = (0.3 * f64::from(k)).sin_cos();
+                let (at, expected) = (
+                    pitched.pixel(0.95 * sin, 0.95 * cos),
+                    truth.pixel(0.95 * sin, 0.95 * cos),
+                );
+                let off = (at.0 - expected.0).hypot(at.1 - expected.1) / frame.wheel_radius_px;
+                println!("{seed} {k}: {off:.4}");
+                assert!(off < 0.016, "{seed}: {off} at {k}");
+            }
+        }
+        assert!(found >= 4, "{found}");
+    }
+
+    #[test]
+    fn a_wheel_seen_square_on_stays_a_circle() {
+        let picture = drawn((310.0, 205.0), None);
+        let wheel = find(&picture, None).unwrap();
+        assert_eq!(Face::find(&picture, wheel.center, wheel.rim_px, wheel.outer_px), None);
     }
 
     #[test]

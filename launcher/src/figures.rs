@@ -136,10 +136,14 @@ pub fn interface(traverse: &Path, out: &Path) -> Result<Option<PathBuf>, Error> 
             continue;
         }
         let picture = traverse.join(&row.file);
-        let png = fs::read(&picture).map_err(|error| failed(&picture, &error))?;
+        // The camera has said what is wrong with a picture that cannot be read.
+        let Ok(png) = fs::read(&picture) else {
+            return Ok(None);
+        };
         let mut frame = Frame::new_box_zeroed().map_err(|_| Error::internal("no memory for a picture"))?;
-        let filled = PictureReader::default().fill(&row, &png, &mut frame);
-        filled.map_err(|error| failed(&picture, &error))?;
+        if PictureReader::default().fill(&row, &png, &mut frame).is_err() {
+            return Ok(None);
+        }
         let Some(profiles) = profile::profiles(&frame) else {
             return Ok(None);
         };

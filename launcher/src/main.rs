@@ -8,6 +8,7 @@ mod demo;
 mod doctor;
 mod figures;
 mod overlay;
+mod perspective;
 mod plots;
 mod policy;
 mod privacy;

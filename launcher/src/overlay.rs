@@ -18,7 +18,8 @@ const LINES: f64 = 120.0;
 /// Straight pieces of which a whole circle is drawn.
 const PIECES: usize = 360;
 
-/// Writes `out/overlay/…png` for each picture of a traverse, with what `out/sinkage.csv` says of it. Gives their number.
+/// Writes `out/overlay/…png` for each picture of a traverse that can be read, with what `out/sinkage.csv` says of it. Gives
+/// their number.
 pub fn write(traverse: &Path, out: &Path) -> Result<usize, Error> {
     let folder = out.join("overlay");
     std::fs::create_dir_all(&folder).map_err(|error| Error::data(format!("{}: {error}", folder.display())))?;
@@ -28,7 +29,10 @@ pub fn write(traverse: &Path, out: &Path) -> Result<usize, Error> {
     for row in rows {
         let row = row.map_err(data)?;
         let path = traverse.join(&row.file);
-        let picture = image::open(&path).map_err(|error| Error::data(format!("{}: {error}", path.display())))?;
+        // The camera has said what is wrong with the others.
+        let Ok(picture) = image::open(&path) else {
+            continue;
+        };
         let mut picture = picture.into_rgb8();
         draw(&mut picture, &row, found.of(row.sequence)?);
         let path = folder.join(Path::new(&row.file).file_name().unwrap_or_default());

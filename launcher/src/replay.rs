@@ -8,7 +8,7 @@ use crate::supervisor::Supervisor;
 use crate::system::System;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use messages::ServiceState;
+use messages::{ServiceState, Status};
 use shell::{Error, Port, SystemFile, now_ns};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -82,7 +82,7 @@ pub fn run(arguments: &ReplayArguments) -> Result<ExitCode, Error> {
     let mut supervisor = Supervisor::new(system, termination.clone())?;
     let outcome = play(&mut supervisor, &mut recordings, &termination);
     supervisor.stop(|_| ())?;
-    outcome?;
+    let blind = outcome?;
     for (wire, recording) in recordings {
         println!(
             "{:<24} {:>8} rows  {}/{}.csv",
@@ -92,6 +92,12 @@ pub fn run(arguments: &ReplayArguments) -> Result<ExitCode, Error> {
             name_of(&supervisor, &wire)
         );
         recording.finish()?;
+    }
+    if blind > 0 {
+        eprintln!(
+            "terrasense: {blind} pictures could not be read: the camera says above why, and frames.csv and sinkage.csv say \
+             input_rejected, or no_data where there is no file"
+        );
     }
     draw(arguments, parts)?;
     Ok(ExitCode::SUCCESS)
@@ -120,18 +126,20 @@ fn draw(arguments: &ReplayArguments, parts: Parts) -> Result<(), Error> {
     Ok(())
 }
 
-/// Runs the system until every wire has come to its end.
+/// Runs the system until every wire has come to its end. Gives the number of frames without a picture.
 fn play(
     supervisor: &mut Supervisor,
     recordings: &mut BTreeMap<String, Recording>,
     termination: &shell::Termination,
-) -> Result<(), Error> {
+) -> Result<u64, Error> {
     let bar = ProgressBar::new_spinner();
     bar.set_style(ProgressStyle::with_template("{spinner} {elapsed_precise} {msg}").unwrap_or_else(|_| unreachable!()));
     let mut failure = None;
-    let mut progress_ns = now_ns();
+    let (mut progress_ns, mut blind) = (now_ns(), 0);
     let mut record = |(wire, port, header, bytes): crate::supervisor::Seen<'_>| {
         progress_ns = now_ns();
+        let pictured = header.status.is_answer() || header.status == Status::ENDED;
+        blind += u64::from(port == Port::Frames && !pictured);
         if let Some(recording) = recordings.get_mut(wire) {
             if let Err(error) = recording.add(header, bytes) {
                 failure.get_or_insert(error);
@@ -174,7 +182,7 @@ fn play(
         }
     }
     bar.finish_and_clear();
-    failure.map_or(Ok(()), Err)
+    failure.map_or(Ok(blind), Err)
 }
 
 /// A replay does not go on without one of its services: it would not be the same a second time.

@@ -23,10 +23,12 @@ fn main() -> ExitCode {
                 let table = shell.read(&format!("{folder}/frames.csv"))?;
                 let mut camera = RecordedCamera::open(&folder, table).map_err(Error::data)?;
                 while let (true, Some(row)) = (shell.running(), camera.next_row().map_err(Error::data)?) {
-                    let png = shell
-                        .read(&camera.path(&row))
-                        .map_err(|error| error.within(&camera.place(&row)))?;
-                    frames.send_with(|frame| camera.fill(&row, &png, frame).map_err(Error::data))?;
+                    let png = shell.read(&camera.path(&row)).map_err(|error| error.to_string());
+                    frames.send_with(|frame| {
+                        let filled = camera.fill(&row, png.as_deref().map_err(Clone::clone), frame);
+                        filled.unwrap_or_else(|why| eprintln!("camera: {why}; the frame goes out without a picture"));
+                        Ok(())
+                    })?;
                 }
                 frames.end(camera.last_ns(), 0)?;
                 shell.until_told();

@@ -1,7 +1,7 @@
 //! The camera of a recorded traverse.
 
 use crate::PictureReader;
-use messages::Frame;
+use messages::{Frame, Header, Status};
 use std::io::Cursor;
 use traverse::{FrameRow, FrameRows, InputError};
 
@@ -46,19 +46,37 @@ impl RecordedCamera {
         format!("{}/{}", self.folder, row.file)
     }
 
-    /// Where a row stands, for errors.
-    #[must_use]
-    pub fn place(&self, row: &FrameRow) -> String {
-        format!("{}:{}", self.table, row.line)
-    }
-
-    /// Fills the frame of a row from the bytes of the file that it names.
+    /// Fills the frame of a row from the bytes of the file that it names, or from what was wrong with reading them.
     ///
     /// # Errors
-    /// Where the bytes are no sound picture, or show no wheel. The frame is then not to be used.
-    pub fn fill(&mut self, row: &FrameRow, png: &[u8], frame: &mut Frame) -> Result<(), InputError> {
-        let filled = self.pictures.fill(row, png, frame);
-        filled.map_err(|what| InputError::new(&self.table, row.line, format!("{}: {what}", row.file)))
+    /// Where there are no bytes, or they are no sound picture. The frame is then without a picture, and says so: `NO_DATA`
+    /// where there is no file, `INPUT_REJECTED` where there is a broken one.
+    pub fn fill(&mut self, row: &FrameRow, png: Result<&[u8], String>, frame: &mut Frame) -> Result<(), InputError> {
+        let missing = png.is_err();
+        let filled = png.and_then(|png| {
+            self.pictures
+                .fill(row, png, frame)
+                .map_err(|what| format!("{}: {what}", row.file))
+        });
+        filled.map_err(|what| {
+            frame.header = Header {
+                taken_ns: row.taken_ns,
+                sequence: row.sequence,
+                status: if missing {
+                    Status::NO_DATA
+                } else {
+                    Status::INPUT_REJECTED
+                },
+                ..Header::default()
+            };
+            (frame.width, frame.height) = (0, 0);
+            (frame.crop_x_px, frame.crop_y_px) = (0, 0);
+            (frame.center_x_px, frame.center_y_px) = (row.center_x_px, row.center_y_px);
+            (frame.rim_radius_px, frame.wheel_radius_px) = (row.rim_radius_px, row.wheel_radius_px);
+            frame.pitch_rad = row.pitch_rad;
+            frame.homography = [f64::NAN; 9];
+            InputError::new(&self.table, row.line, what)
+        })
     }
 
     /// Instant of the last row that was read.

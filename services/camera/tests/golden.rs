@@ -232,24 +232,38 @@ fn a_simulated_frame_is_the_same_whenever_it_is_taken() {
 }
 
 #[test]
-fn a_recorded_traverse_gives_a_frame_a_row_and_errors_name_the_row() {
+fn a_recorded_traverse_gives_a_frame_a_row_even_without_a_sound_picture() {
     let table = "file,taken_s,center_x_px,center_y_px,rim_radius_px,wheel_radius_px,pitch_rad\n\
                  gray8.png,0.1,6,2,3,4,0\nORIGIN.md,0.2,6,2,3,4,0\n";
     let mut camera = RecordedCamera::open("t", table.into()).unwrap();
     let mut frame = Frame::new_box_zeroed().unwrap();
     let row = camera.next_row().unwrap().unwrap();
     assert_eq!(camera.path(&row), "t/gray8.png");
-    camera.fill(&row, &golden(&row.file), &mut frame).unwrap();
+    camera.fill(&row, Ok(&golden(&row.file)), &mut frame).unwrap();
     assert_eq!((frame.header.taken_ns, frame.header.sequence), (100_000_000, 0));
     let row = camera.next_row().unwrap().unwrap();
-    let error = camera
-        .fill(&row, &golden(&row.file), &mut frame)
-        .unwrap_err()
-        .to_string();
-    assert!(
-        error.starts_with("t/frames.csv:3: ORIGIN.md: not a sound PNG file"),
-        "{error}"
-    );
+    let broken = golden(&row.file);
+    for (png, status, words) in [
+        (
+            Ok(&broken[..]),
+            Status::INPUT_REJECTED,
+            "ORIGIN.md: not a sound PNG file",
+        ),
+        (
+            Err("t/a.png: no such file".to_owned()),
+            Status::NO_DATA,
+            "t/a.png: no such file",
+        ),
+    ] {
+        let error = camera.fill(&row, png, &mut frame).unwrap_err().to_string();
+        assert!(error.starts_with(&format!("t/frames.csv:3: {words}")), "{error}");
+        assert_eq!(
+            (frame.header.taken_ns, frame.header.sequence, frame.header.status),
+            (200_000_000, 1, status)
+        );
+        assert!(frame.image().is_empty());
+        assert_eq!(frame.check(), Ok(()));
+    }
     assert_eq!((camera.next_row(), camera.last_ns()), (Ok(None), 200_000_000));
 }
 

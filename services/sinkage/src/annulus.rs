@@ -29,6 +29,7 @@ impl Annulus {
     }
 
     /// Prepares for the rim, shifted, if it is not the one prepared for. Gives what remains of the shift.
+    #[inline(always)]
     pub fn follow(&mut self, rim: &Rim, shift: Shift, width: usize, height: usize) -> Shift {
         if let Some((known, known_width, done)) = &self.prepared
             && known == rim
@@ -52,6 +53,7 @@ impl Annulus {
     }
 
     /// Sums up the cells and the steps across the outer edge: `[left, right]`.
+    #[inline(always)]
     pub fn measure(&self, image: &[u8], table: &[Sums; 256], cells: &mut [Cells; 2], rings: &mut [Ring; 2]) {
         self.cells.accumulate(image, table, cells);
         self.ring.measure(image, table, rings);

@@ -15,6 +15,9 @@ const DARK_PIXEL: f32 = 16.0;
 const MIDDLE: f32 = 4.0;
 /// Distance of the pixels whose ratio is the texture: neighbours are blurred into each other.
 const APART: usize = 2;
+/// The last of the four [`Sums`], and the others.
+const LAST: Sums = [0.0, 0.0, 0.0, 1.0];
+const OTHERS: Sums = [1.0, 1.0, 1.0, 0.0];
 /// Pixels whose cells are worked out together.
 const BLOCK: usize = 32;
 
@@ -84,22 +87,25 @@ impl Lookup {
     }
 
     /// Prepares for a rim in a picture of rows of `width` pixels.
+    #[inline(always)]
     pub fn prepare(&mut self, rim: &Rim, width: usize) {
         self.runs.clear();
         for row in rim.rows.clone() {
             for span in spans(rim, row) {
-                let mut first = span.start;
-                while first < span.end {
-                    let length = BLOCK.min(span.end - first);
-                    self.add(first, length, row, &span, rim, width);
-                    first += length;
+                // Texture compares within the span, since what lies beyond it is no rim: the first pixels with those after.
+                let within = (span.start + APART).min(span.end);
+                self.add(span.start..within, APART as i8, row, rim, width);
+                for first in (within..span.end).step_by(BLOCK) {
+                    self.add(first..span.end.min(first + BLOCK), -(APART as i8), row, rim, width);
                 }
             }
         }
     }
 
-    /// Adds pixels of one row of the picture, from column `first` on.
-    fn add(&mut self, first: usize, length: usize, row: usize, span: &Range<usize>, rim: &Rim, width: usize) {
+    /// Adds at most [`BLOCK`] pixels of one row of the picture.
+    #[inline(always)]
+    fn add(&mut self, columns: Range<usize>, apart: i8, row: usize, rim: &Rim, width: usize) {
+        let (first, length) = (columns.start, columns.len().min(BLOCK));
         let [a, b, c, d, e, f, g, h, i] = rim.plane;
         let (x, y) = (first as f64, row as f64);
         let start = [a * x + b * y + c, d * x + e * y + f, g * x + h * y + i].map(|value| value as f32);
@@ -110,36 +116,36 @@ impl Lookup {
             let scale = 1.0 / (start[2] + along * step[2]);
             let right = (start[0] + along * step[0]) * scale;
             let down = (start[1] + along * step[1]) * scale;
-            let column = ((right.abs() * COLUMNS as f32) as i32).clamp(0, COLUMNS as i32 - 1);
-            let height = ((down * ROWS as f32) as i32).clamp(0, ROWS as i32 - 1);
-            let side = if right >= 0.0 { COLUMNS as i32 } else { 0 };
-            *cell = ((side + column) * ROWS as i32 + height) as u16;
+            let side = if right >= 0.0 { (COLUMNS * ROWS) as u32 } else { 0 };
+            let column = floor(right.abs() * COLUMNS as f32, COLUMNS as u32 - 1);
+            let height = floor(down * ROWS as f32, ROWS as u32 - 1);
+            *cell = (side + column * ROWS as u32 + height) as u16;
         }
-        for (column, cell) in (first..).zip(&cells[..length]) {
-            // Within the span: what lies beyond it is no rim.
-            let apart = if column >= span.start + APART {
-                -(APART as i8)
-            } else {
-                APART as i8
-            };
-            let more = |run: &&mut Run| {
-                column > first && run.cell == *cell && run.apart == apart && usize::from(run.length) < BLOCK
-            };
-            if let Some(run) = self.runs.last_mut().filter(more) {
-                run.length += 1;
-            } else if self.runs.len() < self.runs.capacity() {
-                // Always so: a frame has no more pixels than that.
+        // A bit for each pixel that is the last of a run: the next one belongs to another cell.
+        let mut ends = 1_u64 << (length.max(1) - 1);
+        for k in 1..BLOCK {
+            ends |= u64::from(cells[k] != cells[k - 1]) << (k - 1);
+        }
+        ends &= (1 << length) - 1;
+        let mut done = 0;
+        while ends != 0 {
+            let last = ends.trailing_zeros() as usize;
+            // There is room: a frame has no more pixels than that.
+            if self.runs.len() < self.runs.capacity() {
                 self.runs.push(Run {
-                    first: (row * width + column) as u32,
-                    cell: *cell,
-                    length: 1,
+                    first: (row * width + first + done) as u32,
+                    cell: cells[done % BLOCK],
+                    length: (last + 1 - done) as u8,
                     apart,
                 });
             }
+            done = last + 1;
+            ends &= ends - 1;
         }
     }
 
     /// Sums the picture's cells: `[left, right]`.
+    #[inline(always)]
     pub fn accumulate(&self, image: &[u8], table: &[Sums; 256], sides: &mut [Cells; 2]) {
         for side in &mut *sides {
             side.cells = Cells::EMPTY.cells;
@@ -154,10 +160,11 @@ impl Lookup {
             };
             let mut sums = [0.0; 4];
             for (&gray, &other) in pixels.iter().zip(others) {
-                let [one, log, square, texture] = table[usize::from(gray)];
-                let step = texture - table[usize::from(other)][3];
-                for (sum, term) in sums.iter_mut().zip([one, log, square, step * step]) {
-                    *sum += term;
+                let (here, there) = (&table[usize::from(gray)], &table[usize::from(other)]);
+                for k in 0..4 {
+                    // The last is squared, after the other pixel's is taken off: in all four alike, as one vector.
+                    let off = there[k] * LAST[k];
+                    sums[k] += (here[k] - off) * (OTHERS[k] + here[k] * LAST[k] - off);
                 }
             }
             let cell = usize::from(run.cell);
@@ -181,7 +188,16 @@ impl Default for Lookup {
     }
 }
 
+/// The whole number below a value, 0 to `most`: the last bits of a sum so large that its unit is 1, since the compiler makes
+/// vectors of it and not of `as`.
+#[inline(always)]
+fn floor(value: f32, most: u32) -> u32 {
+    const LARGE: f32 = 12_582_912.0;
+    (value.max(0.0).min(most as f32 + 0.5) - 0.5 + LARGE).to_bits() & 0x003f_ffff
+}
+
 /// The columns of a row of the picture that show the lower half of the annulus: left and right of the wheel's inside.
+#[inline(always)]
 fn spans(rim: &Rim, row: usize) -> [Range<usize>; 2] {
     let [a, b, c, d, e, f, g, h, i] = rim.plane;
     let y = row as f64;

@@ -7,6 +7,8 @@ use messages::Frame;
 const RAYS: usize = 108;
 /// Samples along a ray, evenly about the edge's expected place.
 const SAMPLES: usize = 25;
+/// The same, as a multiple of what a processor works on at once.
+const LANES: usize = SAMPLES.next_multiple_of(8);
 /// Distance of the samples [px].
 const SAMPLE_PX: f64 = 0.5;
 /// Cosine of the angle from straight down below which soil seldom hides the inner edge.
@@ -44,6 +46,7 @@ impl Shift {
 
     /// Fits a circle to the inner edge; `None` where too little of it can be seen.
     #[must_use]
+    #[inline(always)]
     pub fn find(image: &[u8], width: usize, frame: &Frame) -> Option<Self> {
         let step = SAMPLE_PX / frame.wheel_radius_px;
         let ratio = frame.rim_radius_px / frame.wheel_radius_px;
@@ -90,6 +93,7 @@ impl Shift {
 }
 
 /// Where on a ray the gray values rise the most, outwards from the expected place, in outer radii.
+#[inline(always)]
 fn edge(
     image: &[u8],
     width: usize,
@@ -109,11 +113,11 @@ fn edge(
     let share = 1.0 / (SAMPLES - 1) as f32;
     let (column, row) = (from.0 as f32, from.1 as f32);
     let (right, down) = (share * (to.0 as f32 - column), share * (to.1 as f32 - row));
+    let grays = samples(image, width, (column, row), (right, down))?;
     // Sums of the gray values up to each sample.
     let mut sums = [0.0_f32; SAMPLES + 1];
     for j in 0..SAMPLES {
-        let along = j as f32;
-        sums[j + 1] = sums[j] + bilinear(image, width, column + along * right, row + along * down)?;
+        sums[j + 1] = sums[j] + grays[j];
     }
     // Three samples against three: the mean rise over 2 px.
     let rise = |j: usize| (sums[j + 4] - sums[j + 1]) - (sums[j] - sums[j - 3]);
@@ -132,20 +136,41 @@ fn edge(
     Some((best as f64 + between - (SAMPLES / 2) as f64) * step)
 }
 
-/// The gray value between the pixels right of and below a place that is not negative.
+/// The gray values along a ray, each between the pixels right of and below a place that is not negative.
 #[inline(always)]
-fn bilinear(image: &[u8], width: usize, column: f32, row: f32) -> Option<f32> {
-    let (i, j) = (column as u32, row as u32);
-    let (u, v) = (column - i as f32, row - j as f32);
-    let first = (j as usize).checked_mul(width)?.checked_add(i as usize)?;
-    let pixels = image.get(first..first.checked_add(width + 2)?)?;
-    let [a, b, c, d] = [pixels[0], pixels[1], pixels[width], pixels[width + 1]].map(f32::from);
-    let (above, below) = (a + u * (b - a), c + u * (d - c));
-    Some(above + v * (below - above))
+fn samples(image: &[u8], width: usize, (column, row): (f32, f32), (right, down): (f32, f32)) -> Option<[f32; LANES]> {
+    // A value below 2^22 and this has a unit of 1: its last bits are the whole number next to the value.
+    const LARGE: f32 = 12_582_912.0;
+    let (mut columns, mut rows) = ([0_u32; LANES], [0_u32; LANES]);
+    let (mut u, mut v) = ([0.0_f32; LANES], [0.0_f32; LANES]);
+    for j in 0..LANES {
+        let (x, y) = (column + j as f32 * right, row + j as f32 * down);
+        let (i, k) = (x - 0.5 + LARGE, y - 0.5 + LARGE);
+        (columns[j], rows[j]) = (i.to_bits() & 0x003f_ffff, k.to_bits() & 0x003f_ffff);
+        (u[j], v[j]) = (x - (i - LARGE), y - (k - LARGE));
+    }
+    let mut corners = [[0.0_f32; LANES]; 4];
+    for j in 0..SAMPLES {
+        let first = (rows[j] as usize)
+            .checked_mul(width)?
+            .checked_add(columns[j] as usize)?;
+        let above: &[u8; 2] = image.get(first..)?.first_chunk()?;
+        let below: &[u8; 2] = image.get(first.checked_add(width)?..)?.first_chunk()?;
+        let grays = [above[0], above[1], below[0], below[1]];
+        for (corner, gray) in corners.iter_mut().zip(grays) {
+            corner[j] = f32::from(gray);
+        }
+    }
+    let [a, b, c, d] = &corners;
+    Some(std::array::from_fn(|j| {
+        let (above, below) = (a[j] + u[j] * (b[j] - a[j]), c[j] + u[j] * (d[j] - c[j]));
+        above + v[j] * (below - above)
+    }))
 }
 
 /// Right, down and outward of the circle through the edges `(sin, cos, outward)`: Tukey's weights, and a prior from what
 /// the geometry is known to. `pixel` is one pixel in outer radii.
+#[inline(always)]
 fn circle(edges: &[(f64, f64, f64)], pixel: f64) -> Option<[f64; 3]> {
     if (edges.len() as f64) < RAYS_MIN {
         return None;
@@ -194,6 +219,7 @@ fn median(edges: &[(f64, f64, f64)]) -> f64 {
 }
 
 /// Cramer's rule.
+#[inline(always)]
 fn solve(a: &[[f64; 3]; 3], b: [f64; 3]) -> Option<[f64; 3]> {
     let determinant = |m: &[[f64; 3]; 3]| {
         m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) - m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0])

@@ -89,7 +89,7 @@ impl Contrast {
             bands: [(0, 0); COLUMNS],
             lines: [[0.0; LINES]; TERMS],
             regions: [[0.0; LINES]; 4],
-            features: [[[0.0; ROWS]; FEATURES]; TILTS.len()],
+            features: std::array::from_fn(|tilt| prior_features(TILTS[tilt], &heights[tilt])),
             known: [[false; ROWS]; TILTS.len()],
             rows: heights.each_ref().map(|heights: &[f32; ROWS]| {
                 let within = |row: &usize| heights[*row] > HEIGHTS.0 && heights[*row] < HEIGHTS.1;
@@ -126,7 +126,6 @@ impl Contrast {
             texture_features(&self.regions, &whole, free, features);
             region_features(&self.regions, &whole, features);
             let heights = &self.heights[tilt];
-            prior_features(slope, heights, features);
             let features = &mut features[Feature::EdgeAbove as usize..];
             for (row, height) in rows.clone().zip(&heights[rows]) {
                 let edge = edges[((height * ROWS as f32) as usize).min(ROWS - 1)];
@@ -392,15 +391,16 @@ fn edge_features(ring: &Ring) -> [[f32; 4]; ROWS] {
     })
 }
 
-/// What is known of a line before the picture is seen.
-#[inline(always)]
-fn prior_features(tilt: f32, heights: &[f32; ROWS], features: &mut Features) {
+/// What is known of a line before the picture is seen; the other features are 0.
+fn prior_features(tilt: f32, heights: &[f32; ROWS]) -> Features {
+    let mut features = [[0.0; ROWS]; FEATURES];
     for row in FIRST..ROWS {
         let height = heights[row];
         features[Feature::Tilt as usize][row] = (tilt / 0.12).powi(2);
         features[Feature::Shallow as usize][row] = (height - 0.95).max(0.0);
         features[Feature::Deep as usize][row] = (0.65 - height).max(0.0);
     }
+    features
 }
 
 #[inline(always)]

@@ -27,6 +27,7 @@ impl Filter {
 
     /// Weighs the sides by what the pictures before let expect. Pictures of one scene err alike: the expectation
     /// counts half, as its square root, and so no more than one picture's worth in the long run.
+    #[inline(always)]
     pub fn expect(&self, taken_ns: u64, sides: &mut [Option<Posterior>; 2]) {
         let Some(passed_ns) = taken_ns
             .checked_sub(self.taken_ns)
@@ -87,6 +88,7 @@ impl Filter {
 }
 
 /// Convolves with a two-sided exponential of this many bins: a forward and a backward recursion.
+#[inline(always)]
 fn spread(mass: &mut [f32; BINS], bins: f32) {
     let keep = (-1.0 / bins.max(1e-3)).exp();
     let mut carried = 0.0;

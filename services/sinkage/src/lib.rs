@@ -92,6 +92,9 @@ impl SinkageTracker {
     /// What is in the picture, or why there is nothing.
     fn find(&mut self, frame: &Frame) -> Result<Found, Status> {
         let image = frame.image();
+        if frame.header.status == Status::NO_DATA {
+            return Err(Status::NO_DATA);
+        }
         if !frame.header.status.is_answer() || image.is_empty() {
             return Err(Status::INPUT_REJECTED);
         }
@@ -103,25 +106,13 @@ impl SinkageTracker {
                 sides: self.largest_change(image, width, &rim),
                 center: None,
             }),
-            Method::Contrast => {
-                let shift = Shift::find(image, width, frame);
-                let center = shift.and_then(|shift| rim::project(&frame.homography, shift.right, shift.down));
-                let rest = self
-                    .annulus
-                    .follow(&rim, shift.unwrap_or(Shift::NONE), width, image.len() / width);
-                let mut sides = self.strongest_contrast(image, frame.header.taken_ns, &rim);
-                for (side, ring) in sides.iter_mut().zip(&self.rings) {
-                    let Some(interface) = side else { continue };
-                    // From the prepared rim to this one.
-                    interface.cosine = (interface.cosine - rest.down) / (1.0 + rest.growth);
-                    let light = interface.cosine < COSINE_MIN && ring::below(ring, interface.cosine) > EDGE_MAX;
-                    // Without the rim's inner edge it may be no wheel at all.
-                    if shift.is_none() || light || interface.sigma > SIGMA_MAX {
-                        interface.confidence *= CONFIDENCE_MIN;
-                    }
-                }
-                Ok(Found { sides, center })
-            }
+            Method::Contrast => Ok(self.processor.dispatch(ByContrast {
+                tracker: self,
+                image,
+                width,
+                frame,
+                rim: &rim,
+            })),
         }
     }
 
@@ -132,20 +123,17 @@ impl SinkageTracker {
             .map(|side| Interface::find(side).filter(|_| side.pixels() >= SHARE_MIN * rim.side_px))
     }
 
+    #[inline(always)]
     fn strongest_contrast(&mut self, image: &[u8], taken_ns: u64, rim: &Rim) -> [Option<Interface>; 2] {
         self.annulus
             .measure(image, &self.table, &mut self.cells, &mut self.rings);
-        let mut sides = [0, 1].map(|side| {
-            let cells = &self.cells[side];
+        let mut sides = [None, None];
+        for ((side, cells), ring) in sides.iter_mut().zip(&*self.cells).zip(&self.rings) {
             let visible = f64::from(cells.pixels()) >= SHARE_MIN * rim.side_px;
-            let measured = self.processor.dispatch(Measurement {
-                contrast: &mut self.contrast,
-                cells,
-                ring: &self.rings[side],
-                weights: &self.weights,
-            });
-            (visible && measured.0 >= CONTRAST_MIN).then_some(measured.1)
-        });
+            if self.contrast.measure(cells, ring) >= CONTRAST_MIN && visible {
+                *side = Some(Posterior::new(&self.contrast, &self.weights));
+            }
+        }
         self.filter.expect(taken_ns, &mut sides);
         if let [Some(left), Some(right)] = &mut sides {
             Posterior::couple(left, right);
@@ -202,21 +190,44 @@ impl Resumable for SinkageTracker {
     }
 }
 
-/// The loops of one side, compiled for several generations of processors.
-struct Measurement<'a> {
-    contrast: &'a mut Contrast,
-    cells: &'a Cells,
-    ring: &'a Ring,
-    weights: &'a Weights,
+/// The default method, its loops compiled for several generations of processors.
+struct ByContrast<'a> {
+    tracker: &'a mut SinkageTracker,
+    image: &'a [u8],
+    width: usize,
+    frame: &'a Frame,
+    rim: &'a Rim,
 }
 
-impl pulp::WithSimd for Measurement<'_> {
-    type Output = (f32, Posterior);
+impl pulp::WithSimd for ByContrast<'_> {
+    type Output = Found;
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _: S) -> Self::Output {
-        let largest = self.contrast.measure(self.cells, self.ring);
-        (largest, Posterior::new(self.contrast, self.weights))
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Found {
+        let Self {
+            tracker,
+            image,
+            width,
+            frame,
+            rim,
+        } = self;
+        let shift = Shift::find(image, width, frame);
+        let center = shift.and_then(|shift| rim::project(&frame.homography, shift.right, shift.down));
+        let rest = tracker
+            .annulus
+            .follow(rim, shift.unwrap_or(Shift::NONE), width, image.len() / width);
+        let mut sides = tracker.strongest_contrast(image, frame.header.taken_ns, rim);
+        for (side, ring) in sides.iter_mut().zip(&tracker.rings) {
+            let Some(interface) = side else { continue };
+            // From the prepared rim to this one.
+            interface.cosine = (interface.cosine - rest.down) / (1.0 + rest.growth);
+            let light = interface.cosine < COSINE_MIN && ring::below(ring, interface.cosine) > EDGE_MAX;
+            // Without the rim's inner edge it may be no wheel at all.
+            if shift.is_none() || light || interface.sigma > SIGMA_MAX {
+                interface.confidence *= CONFIDENCE_MIN;
+            }
+        }
+        Found { sides, center }
     }
 }
 

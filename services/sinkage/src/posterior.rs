@@ -81,6 +81,7 @@ impl Posterior {
     }
 
     /// Makes the probabilities sum up to 1.
+    #[inline(always)]
     pub fn normalize(&mut self) {
         let total: f32 = self.mass.iter().sum();
         if total > 0.0 {
@@ -92,6 +93,7 @@ impl Posterior {
     }
 
     /// What either side says of the other: soil lies about level, so that its heights differ by [`LEVEL`].
+    #[inline(always)]
     pub fn couple(left: &mut Self, right: &mut Self) {
         let sides = [left, right];
         let coarse = sides.each_ref().map(|side| {
@@ -124,6 +126,7 @@ impl Posterior {
 
     /// The window of the largest probability: its mean, its mass as the confidence, and a sigma that covers the rest.
     #[must_use]
+    #[inline(always)]
     pub fn interface(&self, weights: &Weights) -> Option<Interface> {
         let window = |middle: usize| &self.mass[middle.saturating_sub(NEAR)..(middle + NEAR + 1).min(BINS)];
         let inside = |middle: usize| window(middle).iter().sum::<f32>();

@@ -30,6 +30,7 @@ impl RingLookup {
     }
 
     /// Prepares for a rim in a picture of `width` by `height` pixels.
+    #[inline(always)]
     pub fn prepare(&mut self, rim: &Rim, width: usize, height: usize) {
         for (side, sign) in self.pixels.iter_mut().zip([-1.0, 1.0]) {
             for (row, pixels) in side.iter_mut().enumerate() {
@@ -37,7 +38,8 @@ impl RingLookup {
                 let sin = sign * (1.0 - cos * cos).sqrt();
                 for (pixel, radius) in pixels.iter_mut().zip(INSIDE.into_iter().chain(OUTSIDE)) {
                     *pixel = project(&rim.image, radius * sin, radius * cos)
-                        .map(|(column, row)| (column.round(), row.round()))
+                        // The nearest pixel: `as` rounds down.
+                        .map(|(column, row)| (column + 0.5, row + 0.5))
                         .filter(|(column, row)| {
                             (0.0..width as f64).contains(column) && (0.0..height as f64).contains(row)
                         })
@@ -48,6 +50,7 @@ impl RingLookup {
     }
 
     /// The differences of both sides, left first; 0 where a pixel lies outside of the picture.
+    #[inline(always)]
     pub fn measure(&self, image: &[u8], table: &[Sums; 256], rings: &mut [Ring; 2]) {
         let log = |gray: u8| table[usize::from(gray)][1];
         for (ring, pixels) in rings.iter_mut().zip(&self.pixels) {
