@@ -7,6 +7,8 @@ const RATE_S: f32 = 0.08;
 const BLUR: f32 = 0.006;
 /// Probability that the height has nothing to do with the one before.
 const JUMP: f32 = 0.03;
+/// Time within which pictures err alike.
+const ALIKE_S: f32 = 0.1;
 /// Time after which nothing is left of a picture.
 const FORGOTTEN_NS: u64 = 2_000_000_000;
 
@@ -33,7 +35,9 @@ impl Filter {
         else {
             return;
         };
-        let reach = BLUR + RATE_S * (passed_ns as f32 * 1e-9);
+        let passed_s = passed_ns as f32 * 1e-9;
+        let reach = BLUR + RATE_S * passed_s;
+        let worth = 0.5 / (1.0 + passed_s / ALIKE_S);
         for (side, before) in sides.iter_mut().zip(&self.sides) {
             if let (Some(side), Some(before)) = (side, before) {
                 let mut expected = before.mass;
@@ -42,6 +46,7 @@ impl Filter {
                     *mass *= (JUMP / BINS as f32 + (1.0 - JUMP) * expected).sqrt();
                 }
                 side.normalize();
+                side.pictures += worth * before.pictures;
             }
         }
     }
