@@ -272,8 +272,8 @@ fn scaled(line: &[f32; FEATURES], inverse: &[f32; FEATURES]) -> Line {
 /// The product of two vectors, in several sums at once.
 fn dot(a: &[f32], b: &Line) -> f32 {
     let mut sums = [0.0; LANES];
-    for (a, b) in a.as_chunks().0.iter().zip(b.as_chunks().0) {
-        for ((sum, a), b) in sums.iter_mut().zip::<&[f32; LANES]>(a).zip::<&[f32; LANES]>(b) {
+    for (a, b) in a.as_chunks::<LANES>().0.iter().zip(b.as_chunks::<LANES>().0) {
+        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
             *sum += a * b;
         }
     }
