@@ -42,11 +42,17 @@ impl Filter {
             if let (Some(side), Some(before)) = (side, before) {
                 let mut expected = before.mass;
                 spread(&mut expected, reach * BINS as f32);
+                let (mut following, mut any) = (0.0, f32::MIN_POSITIVE);
                 for (mass, expected) in side.mass.iter_mut().zip(expected) {
-                    *mass *= (JUMP / BINS as f32 + (1.0 - JUMP) * expected).sqrt();
+                    let follows = (1.0 - JUMP) * expected;
+                    let likely = JUMP / BINS as f32 + follows;
+                    following += *mass * follows;
+                    any += *mass * likely;
+                    *mass *= likely.sqrt();
                 }
+                // What has nothing to do with the pictures before has gained nothing from them.
+                side.pictures += worth * before.pictures * following / any;
                 side.normalize();
-                side.pictures += worth * before.pictures;
             }
         }
     }
