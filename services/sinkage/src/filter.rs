@@ -8,6 +8,8 @@ const RATE_S: f32 = 0.08;
 const BLUR: f32 = 0.006;
 /// Probability that the height has nothing to do with the one before.
 const JUMP: f32 = 0.03;
+/// Time within which pictures err alike.
+const ALIKE_S: f32 = 0.1;
 /// Time after which nothing is left of a picture.
 const FORGOTTEN_NS: u64 = 2_000_000_000;
 
@@ -35,14 +37,23 @@ impl Filter {
         else {
             return;
         };
-        let reach = BLUR + RATE_S * (passed_ns as f32 * 1e-9);
+        let passed_s = passed_ns as f32 * 1e-9;
+        let reach = BLUR + RATE_S * passed_s;
+        let worth = 0.5 / (1.0 + passed_s / ALIKE_S);
         for (side, before) in sides.iter_mut().zip(&self.sides) {
             if let (Some(side), Some(before)) = (side, before) {
                 let mut expected = before.mass;
                 spread(&mut expected, reach * BINS as f32);
+                let (mut following, mut any) = (0.0, f32::MIN_POSITIVE);
                 for (mass, expected) in side.mass.iter_mut().zip(expected) {
-                    *mass *= (JUMP / BINS as f32 + (1.0 - JUMP) * expected).sqrt();
+                    let follows = (1.0 - JUMP) * expected;
+                    let likely = JUMP / BINS as f32 + follows;
+                    following += *mass * follows;
+                    any += *mass * likely;
+                    *mass *= likely.sqrt();
                 }
+                // What has nothing to do with the pictures before has gained nothing from them.
+                side.pictures += worth * before.pictures * following / any;
                 side.normalize();
             }
         }
@@ -120,6 +131,49 @@ mod tests {
         for k in 0..BINS {
             let expected = mass[100] * (-(k.abs_diff(100) as f32) / 5.0).exp();
             assert!((mass[k] - expected).abs() < 1e-5, "{k}");
+        }
+    }
+    /// A picture that shows this height, and less likely another one.
+    fn picture(height: f32, other: f32) -> Option<Posterior> {
+        let near =
+            |bin: usize, middle: f32| (-0.5 * (((bin as f32 + 0.5) / BINS as f32 - middle) / 0.01).powi(2)).exp();
+        let mut posterior = Posterior {
+            mass: std::array::from_fn(|bin| near(bin, height) + 0.3 * near(bin, other)),
+            pictures: 1.0,
+        };
+        posterior.normalize();
+        Some(posterior)
+    }
+
+    #[test]
+    fn a_picture_seen_again_and_again_is_as_sure_as_once() {
+        let mut filter = Filter::NEW;
+        for k in 0..60 {
+            let mut sides = [picture(0.8, 0.6), None];
+            filter.expect(k * 33_000_000, &mut sides);
+            filter.observe(k * 33_000_000, &sides);
+            let [Some(side), None] = sides else { panic!() };
+            let near = side.of_one_picture().near(0.8);
+            // The other height has 0.3 of 1.3.
+            assert!((0.7..0.87).contains(&near), "{k}: {near}");
+        }
+    }
+
+    #[test]
+    fn a_fast_sinkage_is_not_lagged() {
+        let mut filter = Filter::NEW;
+        for k in 0..30 {
+            // A wheel that digs itself in within a second.
+            let height = 0.95 - 0.4 * k as f32 / 30.0;
+            let mut sides = [picture(height, 0.3), None];
+            filter.expect(k * 33_000_000, &mut sides);
+            filter.observe(k * 33_000_000, &sides);
+            let [Some(side), None] = sides else { panic!() };
+            let found = (0..BINS)
+                .max_by(|a, b| side.mass[*a].total_cmp(&side.mass[*b]))
+                .unwrap();
+            let found = (found as f32 + 0.5) / BINS as f32;
+            assert!((found - height).abs() < 0.01, "{k}: {found} for {height}");
         }
     }
 }

@@ -139,7 +139,9 @@ impl SinkageTracker {
             Posterior::couple(left, right);
         }
         self.filter.observe(taken_ns, &sides);
-        sides.each_ref().map(|side| side.as_ref()?.interface(&self.weights))
+        sides
+            .each_ref()
+            .map(|side| side.as_ref()?.of_one_picture().interface(&self.weights))
     }
 
     fn sinkage(&self, frame: &Frame, found: Found) -> Sinkage {

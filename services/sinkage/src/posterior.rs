@@ -28,6 +28,8 @@ const LEVEL_COST_MAX: f32 = 4.0;
 pub struct Posterior {
     /// Sums up to 1, or is 0 everywhere where no line is a candidate.
     pub mass: [f32; BINS],
+    /// How many pictures' worth of evidence it holds.
+    pub pictures: f32,
 }
 
 impl Posterior {
@@ -66,7 +68,7 @@ impl Posterior {
                 mass[((height * BINS as f32) as usize).min(BINS - 1)] += (weights.temper * below).exp();
             }
         }
-        let mut posterior = Self { mass };
+        let mut posterior = Self { mass, pictures: 1.0 };
         posterior.normalize();
         posterior
     }
@@ -122,6 +124,19 @@ impl Posterior {
             }
             side.normalize();
         }
+    }
+
+    /// The same with one picture's worth of evidence: the pictures of one scene err alike.
+    #[must_use]
+    pub fn of_one_picture(&self) -> Self {
+        let power = 1.0 / self.pictures.max(1.0);
+        let calm = |mass: f32| if mass > 0.0 { mass.powf(power) } else { 0.0 };
+        let mut posterior = Self {
+            mass: self.mass.map(calm),
+            pictures: 1.0,
+        };
+        posterior.normalize();
+        posterior
     }
 
     /// The window of the largest probability: its mean, its mass as the confidence, and a sigma that covers the rest.

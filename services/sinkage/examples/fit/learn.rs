@@ -4,6 +4,8 @@ use sinkage::contrast::{Contrast, FIRST};
 use sinkage::posterior::{BINS, Posterior};
 use sinkage::rows::ROWS;
 use sinkage::weights::{FEATURES, UNITS, Unit, Weights};
+use std::ops::Range;
+use std::thread;
 
 /// Distance from the truth at which a line counts e^-½, in outer radii.
 const NEAR: f32 = 0.006;
@@ -86,7 +88,10 @@ pub fn posterior(side: &Side, weights: &Weights) -> Posterior {
         .map(|((line, height), score)| (*height, score + hidden(line)))
         .collect();
     let best = scores.iter().map(|(_, score)| *score).fold(f32::MIN, f32::max);
-    let mut posterior = Posterior { mass: [0.0; BINS] };
+    let mut posterior = Posterior {
+        mass: [0.0; BINS],
+        pictures: 1.0,
+    };
     for (height, score) in scores {
         posterior.mass[((height * BINS as f32) as usize).min(BINS - 1)] += (weights.temper * (score - best)).exp();
     }
@@ -94,10 +99,21 @@ pub fn posterior(side: &Side, weights: &Weights) -> Posterior {
     posterior
 }
 
-const PARAMETERS: usize = FEATURES + UNITS * (FEATURES + 2);
+/// Features of a line, and zeros up to whole vectors.
+type Line = [f32; LANES * FEATURES.div_ceil(LANES)];
+const LANES: usize = 8;
+const LENGTH: usize = size_of::<Line>() / size_of::<f32>();
+/// The weights of all features, then of each unit: what it counts for, what it begins at, and its weights.
+const PARAMETERS: usize = LENGTH + UNITS * (LENGTH + 2);
 
-/// Fits weights to sides.
-pub fn fit(sides: &[Side], seed: u64) -> Weights {
+/// Mean log probability of what is about the truth.
+pub fn likelihood(sides: &[Side], weights: &Weights) -> f32 {
+    let of_one = |side: &Side| posterior(side, weights).near(side.truth).max(HOPELESS).ln();
+    sides.iter().map(of_one).sum::<f32>() / sides.len() as f32
+}
+
+/// Fits weights to sides, from several beginnings; the best is the one that makes the unseen sides the most likely.
+pub fn fit(sides: &[Side], unseen: &[Side], seeds: Range<u64>) -> Option<Weights> {
     let mut scale = [1e-6_f32; FEATURES];
     let count: usize = sides.iter().map(|side| side.lines.len()).sum();
     for line in sides.iter().flat_map(|side| &side.lines) {
@@ -107,24 +123,34 @@ pub fn fit(sides: &[Side], seed: u64) -> Weights {
     }
     let scale = scale.map(f32::sqrt);
     let mut parameters = [0.0; PARAMETERS];
-    descend(sides, &scale, &mut parameters, false, seed, 30, 1e-3);
+    descend(sides, &scale, &mut parameters, false, seeds.start, 30, 1e-3);
     let weights = unpack(&parameters, &scale);
     let reduced: Vec<Side> = sides.iter().map(|side| side.reduced(&weights)).collect();
-    let mut random = Random(seed);
-    for (k, parameter) in parameters.iter_mut().enumerate().skip(FEATURES) {
-        let within = (k - FEATURES) % (FEATURES + 2);
-        *parameter = if within == 0 { 0.0 } else { 0.6 * random.symmetric() };
-    }
-    descend(&reduced, &scale, &mut parameters, true, seed, 60, 3e-4);
-    unpack(&parameters, &scale)
+    let begin = |seed: u64| {
+        let mut random = Random(seed);
+        let mut parameters = parameters;
+        for (k, parameter) in parameters.iter_mut().enumerate().skip(LENGTH) {
+            let within = (k - LENGTH) % (LENGTH + 2);
+            *parameter = if within == 0 { 0.0 } else { 0.6 * random.symmetric() };
+        }
+        descend(&reduced, &scale, &mut parameters, true, seed, 60, 3e-4);
+        let weights = unpack(&parameters, &scale);
+        (likelihood(unseen, &weights), weights)
+    };
+    thread::scope(|scope| {
+        let begin = &begin;
+        let workers: Vec<_> = seeds.map(|seed| scope.spawn(move || begin(seed))).collect();
+        let fits = workers.into_iter().filter_map(|worker| worker.join().ok());
+        fits.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, weights)| weights)
+    })
 }
 
 fn unpack(parameters: &[f32; PARAMETERS], scale: &[f32; FEATURES]) -> Weights {
-    let (features, units) = parameters.split_at(FEATURES);
+    let (features, units) = parameters.split_at(LENGTH);
     Weights {
         features: std::array::from_fn(|k| features[k] / scale[k]),
         units: std::array::from_fn(|unit| {
-            let unit = &units[unit * (FEATURES + 2)..];
+            let unit = &units[unit * (LENGTH + 2)..];
             Unit {
                 out: unit[0],
                 bias: unit[1],
@@ -148,6 +174,11 @@ fn descend(
     ridge: f32,
 ) {
     const BATCH: usize = 16;
+    let inverse = scale.map(f32::recip);
+    let lines: Vec<Vec<Line>> = sides
+        .iter()
+        .map(|side| side.lines.iter().map(|line| scaled(line, &inverse)).collect())
+        .collect();
     let mut random = Random(seed ^ 0x5eed);
     let (mut mean, mut square) = ([0.0_f32; PARAMETERS], [0.0_f32; PARAMETERS]);
     let mut order: Vec<usize> = (0..sides.len()).collect();
@@ -159,7 +190,7 @@ fn descend(
         for batch in order.chunks(BATCH) {
             let mut gradient = [0.0; PARAMETERS];
             for side in batch {
-                accumulate(&sides[*side], scale, parameters, hidden, &mut gradient);
+                accumulate(&sides[*side], &lines[*side], parameters, hidden, &mut gradient);
             }
             step += 1;
             let rate = if hidden { 0.01 } else { 0.05 } * (1.0 - step as f32 / (steps as f32 + 1.0));
@@ -168,7 +199,7 @@ fn descend(
                 let slope = gradient[k] / batch.len() as f32 + 2.0 * ridge * parameters[k];
                 mean[k] += 0.1 * (slope - mean[k]);
                 square[k] += 0.01 * (slope * slope - square[k]);
-                if hidden || k < FEATURES {
+                if hidden || k < LENGTH {
                     parameters[k] -= rate * (mean[k] / first) / ((square[k] / second).sqrt() + 1e-8);
                 }
             }
@@ -179,7 +210,7 @@ fn descend(
 /// Adds the gradient of -ln(mass near the truth) of one side.
 fn accumulate(
     side: &Side,
-    scale: &[f32; FEATURES],
+    lines: &[Line],
     parameters: &[f32; PARAMETERS],
     hidden: bool,
     gradient: &mut [f32; PARAMETERS],
@@ -192,19 +223,12 @@ fn accumulate(
     if !near.iter().any(|near| *near > 0.1) {
         return;
     }
-    let inverse = scale.map(f32::recip);
-    let lines: Vec<[f32; FEATURES]> = side
-        .lines
-        .iter()
-        .map(|line| std::array::from_fn(|k| line[k] * inverse[k]))
-        .collect();
     let units = if hidden { UNITS } else { 0 };
-    let unit = |k: usize| &parameters[FEATURES + k * (FEATURES + 2)..][..FEATURES + 2];
-    let dot = |a: &[f32], b: &[f32; FEATURES]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
+    let unit = |k: usize| &parameters[LENGTH + k * (LENGTH + 2)..][..LENGTH + 2];
     let mut active = vec![[0.0_f32; UNITS]; lines.len()];
     let mut scores = vec![0.0_f32; lines.len()];
     for ((line, active), score) in lines.iter().zip(&mut active).zip(&mut scores) {
-        *score = dot(&parameters[..FEATURES], line);
+        *score = dot(&parameters[..LENGTH], line);
         for (k, active) in active.iter_mut().enumerate().take(units) {
             let unit = unit(k);
             *active = (unit[1] + dot(&unit[2..], line)).max(0.0);
@@ -228,7 +252,7 @@ fn accumulate(
             *gradient += slope * value;
         }
         for k in 0..units {
-            let gradient = &mut gradient[FEATURES + k * (FEATURES + 2)..][..FEATURES + 2];
+            let gradient = &mut gradient[LENGTH + k * (LENGTH + 2)..][..LENGTH + 2];
             gradient[0] += slope * active[k];
             if active[k] > 0.0 {
                 let slope = slope * unit(k)[0];
@@ -239,6 +263,21 @@ fn accumulate(
             }
         }
     }
+}
+
+fn scaled(line: &[f32; FEATURES], inverse: &[f32; FEATURES]) -> Line {
+    std::array::from_fn(|k| line.get(k).map_or(0.0, |value| value * inverse[k]))
+}
+
+/// The product of two vectors, in several sums at once.
+fn dot(a: &[f32], b: &Line) -> f32 {
+    let mut sums = [0.0; LANES];
+    for (a, b) in a.as_chunks::<LANES>().0.iter().zip(b.as_chunks::<LANES>().0) {
+        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
+            *sum += a * b;
+        }
+    }
+    sums.iter().sum()
 }
 
 /// `SplitMix64`.

@@ -21,15 +21,17 @@ use std::thread;
 use zerocopy::FromZeros;
 
 /// Seeds of the scenes of each condition.
-const FITTED: Range<u64> = 1000..1240;
+const FITTED: Range<u64> = 1000..1400;
 const CALIBRATED: Range<u64> = 100_000..100_060;
-/// Seed of the fit itself.
-const SEED: u64 = 1;
+/// Seeds of the fit itself.
+const BEGINNINGS: Range<u64> = 1..5;
 
 fn main() {
-    let mut weights = learn::fit(&sides(FITTED), SEED);
-    calibrate(&mut weights, &sides(CALIBRATED));
-    print!("{}", text(&weights));
+    let unseen = sides(CALIBRATED);
+    if let Some(mut weights) = learn::fit(&sides(FITTED), &unseen, BEGINNINGS) {
+        calibrate(&mut weights, &unseen);
+        print!("{}", text(&weights));
+    }
 }
 
 /// Both sides of one frame of each scene.
@@ -79,8 +81,7 @@ fn calibrate(weights: &mut Weights, sides: &[Side]) {
     let likelihood = |temper: f32| {
         let mut weights = fitted;
         weights.temper = temper;
-        let surprise = |side: &Side| learn::posterior(side, &weights).near(side.truth).max(1e-3).ln();
-        sides.iter().map(surprise).sum::<f32>()
+        learn::likelihood(sides, &weights)
     };
     let tempers = (8..=24).map(|step| 0.05 * step as f32);
     let best = tempers
@@ -109,7 +110,7 @@ fn text(weights: &Weights) -> String {
     let units = |of: fn(&Unit) -> f32| numbers(weights.units.iter().map(of).collect());
     let mut text = format!(
         "# Weights of the contrast method, printed by `cargo run --release -p sinkage --example fit`: one frame of each of\n\
-         # the scenes {FITTED:?} (bias, sigma and temper: {CALIBRATED:?}) of the six conditions in shared/simulation.\n\
+         # the scenes {FITTED:?} (bias, sigma, temper and which of the fits {BEGINNINGS:?}: {CALIBRATED:?}) of the six conditions in shared/simulation.\n\
          # A feature's line: its weight in the score, then in each unit of the hidden layer.\n"
     );
     for (k, name) in NAMES.iter().enumerate() {
