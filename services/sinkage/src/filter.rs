@@ -66,22 +66,22 @@ impl Filter {
     }
 }
 
-/// The filter as plain bytes. A side that is not expected is zeros, and its flag 0.
+/// The filter as plain bytes. A side that is not expected is zeros.
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout)]
 #[repr(C)]
 pub(crate) struct State {
     taken_ns: u64,
-    expected: [u32; 2],
+    pictures: [f32; 2],
     mass: [[f32; BINS]; 2],
 }
 
 impl Filter {
     pub(crate) fn state(&self) -> State {
-        let mass = self.sides.each_ref().map(|side| side.as_ref().map(|side| side.mass));
+        let sides = self.sides.each_ref().map(Option::as_ref);
         State {
             taken_ns: self.taken_ns,
-            expected: mass.map(|mass| u32::from(mass.is_some())),
-            mass: mass.map(|mass| mass.unwrap_or([0.0; BINS])),
+            pictures: sides.map(|side| side.map_or(0.0, |side| side.pictures)),
+            mass: sides.map(|side| side.map_or([0.0; BINS], |side| side.mass)),
         }
     }
 
@@ -89,11 +89,15 @@ impl Filter {
     /// Why this can be no state.
     pub(crate) fn set(&mut self, state: &State) -> Result<(), &'static str> {
         let is_probability = |mass: &f32| (0.0..=1.001).contains(mass);
-        if !state.mass.as_flattened().iter().all(is_probability) {
+        let is_count = |pictures: &f32| *pictures >= 0.0 && pictures.is_finite();
+        if !state.mass.as_flattened().iter().all(is_probability) || !state.pictures.iter().all(is_count) {
             return Err("holds a probability that cannot be");
         }
         self.taken_ns = state.taken_ns;
-        self.sides = [0, 1].map(|side| (state.expected[side] != 0).then(|| Posterior { mass: state.mass[side] }));
+        self.sides = [0, 1].map(|side| {
+            let (mass, pictures) = (state.mass[side], state.pictures[side]);
+            (pictures > 0.0).then_some(Posterior { mass, pictures })
+        });
         Ok(())
     }
 }
