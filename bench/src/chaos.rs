@@ -28,7 +28,7 @@ const LATE_NS: u64 = 50 * MS_NS;
 pub const STAGES: [&str; 4] = ["sinkage", "terramechanics", "vibration", "terrain"];
 
 /// What happens to a stage.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
 pub enum Fault {
     /// kill -9.
     Kill,
