@@ -17,7 +17,7 @@ const ODD: &str = "odd/";
 /// Between two looks at a process [ns].
 const LOOK_NS: u64 = 2_000_000;
 /// A program that is late is waited for so many times as long as it may take: that it is late is all that shall be said.
-const LATE: u64 = 4;
+const LATE: u64 = 2;
 /// What a program has said is remembered up to this length.
 const SAID_BYTES_MAX: usize = 2000;
 
@@ -128,7 +128,7 @@ impl Stand {
     /// Starts the program with something that it must refuse, and sees how it ends.
     pub fn refused(&self, what: &'static str, file: &str, service: Option<&str>) -> Result<Refusal, Error> {
         let mut candidate = self.spawn(file, service.unwrap_or(SERVICE))?;
-        let status = self.wait_for_end(&mut candidate, self.start_timeout_ms * 1_000_000)?;
+        let status = self.wait_for_end(&mut candidate, LATE * self.start_timeout_ms * 1_000_000)?;
         let said = candidate.said();
         self.kill(candidate)?;
         Ok(Refusal { what, status, said })
