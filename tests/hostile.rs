@@ -19,7 +19,7 @@ fn noise(length: usize, seed: u64) -> Vec<u8> {
 
 /// Writes random samples, and keeps the wire open: who only looks now and then must get to see them.
 fn flood<T: Message>(domain: &Domain, wire: &str, seed: u64) -> Output<T> {
-    let output = domain.output::<T>(wire, Termination::listen().unwrap()).unwrap();
+    let output = domain.output::<T>(wire, &Termination::listen().unwrap()).unwrap();
     for round in 0..20 {
         let bytes = noise(size_of::<T>(), seed + round);
         output

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used)] // A test that cannot go on ends here, with the reason and the line.
 
 mod architecture;
+mod chaos;
 mod conformance;
 mod hostile;
 mod layout;
@@ -12,3 +13,4 @@ mod replacement;
 mod replay;
 mod rover;
 mod supervision;
+mod swap;

@@ -5,16 +5,15 @@ use crate::rover::{Rover, pid, signal, told};
 use rustix::process::Signal;
 use std::path::Path;
 
+/// What runs the Python peer.
+pub fn python_sinkage() -> [String; 2] {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    ["../target/peer/bin/python3", "peers/sinkage.py"].map(|path| here.join(path).display().to_string())
+}
+
 /// The line that replaces sinkage by the Python peer.
 fn with_python_sinkage(text: &str) -> String {
-    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let python = here.join("../target/peer/bin/python3");
-    let peer = here.join("peers/sinkage.py");
-    let line = format!(
-        "exec = [{:?}, {:?}]",
-        python.display().to_string(),
-        peer.display().to_string()
-    );
+    let line = format!("exec = {:?}", python_sinkage());
     let replaced = text.replace("exec = [\"terrasense-sinkage\"]", &line);
     assert_ne!(replaced, text);
     replaced

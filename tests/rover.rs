@@ -1,6 +1,7 @@
 //! A system under test: its own name, so its own root and prefix; gone without a trace when the test is over.
 
 use serde_json::Value;
+use shell::{Domain, Port, SystemFile};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -25,11 +26,16 @@ pub struct Rover {
     pub launcher: Option<Child>,
 }
 
+/// The right to be the one live system.
+pub fn alone() -> MutexGuard<'static, ()> {
+    LIVE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 impl Rover {
     /// The built-in system under a name of its own, its file edited by `edit`. Its deadlines are those of a machine that is
     /// busy with other things.
     pub fn new(edit: impl Fn(String) -> String) -> Self {
-        let alone = LIVE.lock().unwrap_or_else(PoisonError::into_inner);
+        let alone = alone();
         let name = format!("t{}_{}", std::process::id(), SYSTEMS.fetch_add(1, Ordering::Relaxed));
         let folder = tempfile::tempdir().unwrap();
         let text = String::from_utf8(terrasense(&["default-system"]).stdout).unwrap();
@@ -96,6 +102,36 @@ impl Rover {
             );
             assert!(start.elapsed() < PATIENCE, "not yet: {what}\n{rows:#?}\n{}", self.log());
         }
+    }
+
+    /// Lets `act` happen, and makes sure that no cycle is missing on the terrain wire meanwhile, and none comes twice.
+    pub fn without_losing_a_cycle<R: Send>(&self, act: impl FnOnce() -> R + Send) -> R {
+        let text = format!("[system]\nname = \"{}\"\n", self.name);
+        let domain = Domain::enter(&SystemFile::parse("test", &text).unwrap(), "test").unwrap();
+        let frames = domain.tap("front/frames", Port::Frames).unwrap();
+        let terrain = domain.tap("front/terrain", Port::Terrain).unwrap();
+        let (mut taken, mut answered) = (Vec::new(), Vec::new());
+        let mut look = || {
+            while terrain.poll(&mut |header, _| answered.push(header.sequence)).unwrap() {}
+            while frames.poll(&mut |header, _| taken.push(header.sequence)).unwrap() {}
+            std::thread::sleep(Duration::from_millis(5));
+        };
+        let outcome = std::thread::scope(|scope| {
+            let acting = scope.spawn(act);
+            while !acting.is_finished() {
+                look();
+            }
+            acting.join().unwrap()
+        });
+        let end = Instant::now() + Duration::from_secs(2);
+        while Instant::now() < end {
+            look();
+        }
+        let [first, last] = [answered[0], answered[answered.len() - 1]];
+        taken.retain(|sequence| (first..=last).contains(sequence));
+        answered.retain(|sequence| *sequence >= taken[0]);
+        assert_eq!(answered, taken, "{}", self.log());
+        outcome
     }
 
     /// The row of one service.

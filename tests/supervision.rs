@@ -1,5 +1,6 @@
 //! Services die, hang and come back; the others never stop, and nothing is left behind.
 
+use crate::replacement::python_sinkage;
 use crate::rover::{Rover, lives, pid, signal, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -62,7 +63,7 @@ fn nothing_survives_a_killed_launcher_and_the_next_start_works() {
 fn a_stopped_service_is_noticed_by_its_silence_and_replaced() {
     let mut rover = Rover::new(|text| text.replace("deadline_ms = 10000", "deadline_ms = 1500"));
     rover.up();
-    for victim in ["sinkage", "telemetry"] {
+    for victim in ["sinkage", "telemetry", "terramechanics"] {
         let running = |rows: &[Value]| rows.iter().all(|row| row["state"] == "running");
         let row = rover
             .until("all run", running)
@@ -80,6 +81,32 @@ fn a_stopped_service_is_noticed_by_its_silence_and_replaced() {
             rover.log()
         );
     }
+}
+
+#[test]
+#[cfg_attr(
+    not(python_peer),
+    ignore = "needs iceoryx2 for Python: python3 -m venv target/peer && target/peer/bin/pip install -r tests/peers/requirements.txt"
+)]
+fn a_stage_slower_than_its_input_leaves_out_what_is_old_and_that_is_counted() {
+    let exec = format!("exec = {:?}", python_sinkage());
+    let mut rover = Rover::new(|text| {
+        text.replace("exec = [\"terrasense-sinkage\"]", &exec)
+            .replace("rate_hz = 30", "rate_hz = 400")
+    });
+    rover.up();
+    let count = |rows: &[Value], service: &str, what: &str| {
+        let row = rows.iter().find(|row| row["service"] == service).unwrap();
+        row[what].as_u64().unwrap()
+    };
+    let rows = rover.until("much is left out", |rows| count(rows, "terrain", "lost") > 500);
+    // What is published and what is left out make up what the camera has sent, but for what is on its way: the newest win.
+    let behind = |rows: &[Value]| {
+        let numbers = |service: &str| count(rows, service, "published") + count(rows, service, "lost");
+        numbers("camera").saturating_sub(numbers("terrain"))
+    };
+    assert!(behind(&rows) < 400, "{rows:#?}");
+    assert_eq!(rover.down(), Some(0), "{}", rover.log());
 }
 
 #[test]

@@ -256,22 +256,9 @@ fn drain<T: Message>(tap: &Tap<T>, seen: &mut BTreeMap<u64, u64>) -> Result<(), 
     Ok(())
 }
 
-/// The `terrasense` command that cargo has built in the same profile.
+/// The `terrasense` command.
 fn program() -> Outcome<PathBuf> {
-    let here = std::env::current_exe()?;
-    let path = here
-        .ancestors()
-        .nth(2)
-        .ok_or("this bench stands in no target folder")?
-        .join("terrasense");
-    if path.is_file() {
-        return Ok(path);
-    }
-    Err(format!(
-        "{} is missing; build the services first: cargo build --release",
-        path.display()
-    )
-    .into())
+    Ok(bench::programs()?.join("terrasense"))
 }
 
 /// The same work in one process: the picture is taken, then one lib after the other is called.

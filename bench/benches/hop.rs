@@ -317,7 +317,7 @@ impl End<'_> {
     ) -> Result<WireLink<T>, Error> {
         let name = |way: &str| format!("{way}/{}", port.name());
         Ok(WireLink {
-            output: self.domain.output(&name(self.here), termination.clone())?,
+            output: self.domain.output(&name(self.here), termination)?,
             tap: Tap::open(self.domain, &name(self.there))?,
             body: vec![0; copied - HEADER_BYTES],
             spins,

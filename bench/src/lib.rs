@@ -1,5 +1,6 @@
 //! What the benches share: the report, the machine, a system of their own, and the rover's day as input.
 
+pub mod chaos;
 mod day;
 mod machine;
 mod report;
@@ -12,3 +13,23 @@ pub use scratch::ScratchSystem;
 
 /// What a bench ends with where it cannot go on.
 pub type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
+
+/// The folder of the programs that cargo has built in the same profile as this one.
+///
+/// # Errors
+/// They are not there.
+pub fn programs() -> Outcome<std::path::PathBuf> {
+    let here = std::env::current_exe()?;
+    let folder = here
+        .ancestors()
+        .nth(2)
+        .ok_or("this program stands in no target folder")?;
+    if folder.join("terrasense").is_file() {
+        return Ok(folder.into());
+    }
+    Err(format!(
+        "{} has no terrasense; build the services first: cargo build --release",
+        folder.display()
+    )
+    .into())
+}

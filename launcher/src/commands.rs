@@ -1,6 +1,5 @@
 //! `up`, `validate`, and what the commands share: finding a system file and its programs.
 
-use crate::privacy;
 use crate::supervisor::Supervisor;
 use crate::system::System;
 use clap::Args;
@@ -35,8 +34,7 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Error> {
     let system = load(arguments.system.as_deref())?;
     check_configs(&system, arguments.system.as_deref())?;
     let termination = listen()?;
-    let path = arguments.system.as_deref().map(absolute).transpose()?;
-    let mut supervisor = begin(system, path, termination.clone())?;
+    let mut supervisor = Supervisor::new(system, termination.clone())?;
     supervisor.start(|_| ())?;
     let mut alive = true;
     say(&mut supervisor);
@@ -62,13 +60,6 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Error> {
     }
     eprintln!("terrasense: stopped");
     Ok(ExitCode::SUCCESS)
-}
-
-/// Makes a system's wires, closed to other users.
-pub fn begin(system: System, path: Option<String>, termination: Termination) -> Result<Supervisor, Error> {
-    let supervisor = Supervisor::new(system, path, termination)?;
-    privacy::close(&supervisor.system().file)?;
-    Ok(supervisor)
 }
 
 /// Checks a system file without starting anything.

@@ -64,7 +64,7 @@ pub fn run(arguments: &DemoArguments) -> Result<ExitCode, Error> {
     let system = system(arguments.seed)?;
     commands::check_configs(&system, None)?;
     let termination = listen()?;
-    let mut supervisor = commands::begin(system, None, termination.clone())?;
+    let mut supervisor = Supervisor::new(system, termination.clone())?;
     let rover = simulation::Config {
         seed: u64::from(arguments.seed),
         ..simulation::Config::default()

@@ -3,6 +3,7 @@
 mod annotate;
 mod commands;
 mod conformance;
+mod control;
 mod demo;
 mod doctor;
 mod figures;
@@ -12,11 +13,13 @@ mod policy;
 mod privacy;
 mod process;
 mod record;
+mod rehearsal;
 mod replay;
 mod root;
 mod simulate;
 mod status;
 mod supervisor;
+mod swap;
 mod system;
 mod vibration;
 mod watch;
@@ -55,6 +58,10 @@ enum Command {
     Vibration(vibration::VibrationCommand),
     /// Shows how a running system is doing.
     Status(status::StatusArguments),
+    /// Replaces a stage of a running system by another program, without losing a cycle.
+    Swap(swap::SwapArguments),
+    /// Brings a running system to an edited system file, stage by stage, without losing a cycle.
+    Apply(swap::ApplyArguments),
     /// Checks a system file without starting anything.
     Validate(commands::ValidateArguments),
     /// Tries any program in the place of a stage: which rules of the replacement contract hold.
@@ -95,6 +102,8 @@ fn run(command: Command) -> Result<ExitCode, Error> {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Vibration(command) => vibration::run(&command),
         Command::Status(arguments) => status::run(&arguments),
+        Command::Swap(arguments) => swap::swap(&arguments),
+        Command::Apply(arguments) => swap::apply(&arguments),
         Command::Validate(arguments) => commands::validate(&arguments),
         Command::Conformance(arguments) => conformance::run(&arguments),
         Command::DefaultSystem => {

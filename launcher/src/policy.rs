@@ -2,12 +2,21 @@
 
 use shell::{Restart, ServiceTable};
 use std::collections::VecDeque;
+use std::fmt;
 
 /// The first pause before a restart, after a run that was too short [ns]. It doubles with every further one.
 const PAUSE_FIRST_NS: u64 = 100_000_000;
 /// The longest pause [ns].
 const PAUSE_MAX_NS: u64 = 5_000_000_000;
 const MS_NS: u64 = 1_000_000;
+/// How long a service that keeps dying is left alone [ns].
+const HOLD_NS: u64 = 30_000_000_000;
+/// What ends a process without its doing: an operator, a test, the kernel for want of memory.
+const SIGKILL: Ending = Ending::Signal(9);
+/// The first pause after such ends of young processes [ns], after how many, and how often it doubles.
+const PAUSE_KILLED_NS: u64 = 5_000_000;
+const KILLED_FREELY: u32 = 4;
+const PAUSE_KILLED_DOUBLINGS: u32 = 5;
 /// The exit code of a configuration error: starting again cannot mend it.
 const EXIT_CONFIG: i32 = 78;
 
@@ -30,6 +39,18 @@ pub enum Ending {
     Code(i32),
     /// By this signal.
     Signal(i32),
+    /// By the launcher: it was silent for too long.
+    Hung,
+}
+
+impl fmt::Display for Ending {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Code(code) => write!(formatter, "ended with code {code}"),
+            Self::Signal(signal) => write!(formatter, "ended by signal {signal}"),
+            Self::Hung => formatter.write_str("ended because it hung"),
+        }
+    }
 }
 
 /// What to do with a service that has ended.
@@ -37,6 +58,8 @@ pub enum Ending {
 pub enum Decision {
     /// Start it at this instant.
     RestartAt(u64),
+    /// Leave it until this instant, and say why; the others go on. What was wrong may have passed by then.
+    HoldUntil(u64, String),
     /// Leave it, and say why; the others go on.
     GiveUp(String),
     /// It has ended as it should.
@@ -74,6 +97,16 @@ impl Policy {
                 Decision::GiveUp("it is not to be restarted".into())
             };
         }
+        let is_young = now_ns.saturating_sub(started_ns) < self.minimum_run_ns;
+        if ending == SIGKILL {
+            // It says nothing against the service: however often, it comes back.
+            self.short_runs = if is_young { self.short_runs.saturating_add(1) } else { 0 };
+            let pause_ns = match self.short_runs.checked_sub(KILLED_FREELY) {
+                Some(further) => PAUSE_KILLED_NS << further.min(PAUSE_KILLED_DOUBLINGS),
+                None => 0,
+            };
+            return Decision::RestartAt(now_ns + pause_ns);
+        }
         while self
             .restarts
             .front()
@@ -83,11 +116,14 @@ impl Policy {
         }
         if self.restarts.len() >= self.intensity {
             let period_s = self.period_ns / (1000 * MS_NS);
-            return Decision::GiveUp(format!("{} restarts within {period_s} s are too many", self.intensity));
+            self.restarts.clear();
+            self.short_runs = 0;
+            let why = format!("{} restarts within {period_s} s are too many", self.intensity);
+            return Decision::HoldUntil(now_ns + HOLD_NS, why);
         }
         self.restarts.push_back(now_ns);
         // The first crash after a long run is bad luck, and every millisecond counts; a crash loop is slowed.
-        if now_ns.saturating_sub(started_ns) >= self.minimum_run_ns {
+        if !is_young {
             self.short_runs = 0;
             return Decision::RestartAt(now_ns);
         }
@@ -104,7 +140,7 @@ mod tests {
     use super::*;
 
     const SECOND: u64 = 1_000_000_000;
-    const KILLED: Ending = Ending::Signal(9);
+    const CRASHED: Ending = Ending::Signal(11);
 
     fn policy(keys: &str) -> Policy {
         Policy::new(&toml::from_str::<ServiceTable>(&format!("exec = ['a']\n{keys}")).unwrap())
@@ -113,7 +149,7 @@ mod tests {
     #[test]
     fn a_service_that_ran_long_enough_is_back_at_once() {
         assert_eq!(
-            policy("").on_end(KILLED, 0, 2 * SECOND),
+            policy("").on_end(CRASHED, 0, 2 * SECOND),
             Decision::RestartAt(2 * SECOND)
         );
     }
@@ -124,7 +160,7 @@ mod tests {
         let mut now = 0;
         let mut pauses_ms = Vec::new();
         for _ in 0..5 {
-            let Decision::RestartAt(at) = policy.on_end(KILLED, now, now + 1) else {
+            let Decision::RestartAt(at) = policy.on_end(CRASHED, now, now + 1) else {
                 panic!()
             };
             pauses_ms.push((at - now) / MS_NS);
@@ -136,16 +172,37 @@ mod tests {
     #[test]
     fn too_many_restarts_within_the_period_are_the_last() {
         let mut policy = policy("intensity = 2\nintensity_period_ms = 10000\nminimum_run_ms = 0");
-        assert_eq!(policy.on_end(KILLED, 0, SECOND), Decision::RestartAt(SECOND));
-        assert_eq!(policy.on_end(KILLED, 0, 2 * SECOND), Decision::RestartAt(2 * SECOND));
-        assert!(matches!(policy.on_end(KILLED, 0, 3 * SECOND), Decision::GiveUp(_)));
+        assert_eq!(policy.on_end(CRASHED, 0, SECOND), Decision::RestartAt(SECOND));
+        assert_eq!(policy.on_end(CRASHED, 0, 2 * SECOND), Decision::RestartAt(2 * SECOND));
+        assert!(matches!(
+            policy.on_end(CRASHED, 0, 3 * SECOND),
+            Decision::HoldUntil(until, _) if until == 3 * SECOND + HOLD_NS
+        ));
+        assert!(matches!(policy.on_end(CRASHED, 0, 40 * SECOND), Decision::RestartAt(_)));
     }
 
     #[test]
     fn restarts_longer_ago_than_the_period_do_not_count() {
         let mut policy = policy("intensity = 1\nintensity_period_ms = 10000\nminimum_run_ms = 0");
-        assert_eq!(policy.on_end(KILLED, 0, SECOND), Decision::RestartAt(SECOND));
-        assert_eq!(policy.on_end(KILLED, 0, 12 * SECOND), Decision::RestartAt(12 * SECOND));
+        assert_eq!(policy.on_end(CRASHED, 0, SECOND), Decision::RestartAt(SECOND));
+        assert_eq!(policy.on_end(CRASHED, 0, 12 * SECOND), Decision::RestartAt(12 * SECOND));
+    }
+
+    #[test]
+    fn a_service_that_others_kill_always_comes_back_and_soon() {
+        let mut policy = policy("intensity = 2");
+        let mut now = 0;
+        for _ in 0..1000 {
+            let Decision::RestartAt(at) = policy.on_end(SIGKILL, now, now + 1) else {
+                panic!()
+            };
+            assert!(at - now <= 200 * MS_NS);
+            now = at;
+        }
+        assert_eq!(
+            policy.on_end(SIGKILL, now, now + 2 * SECOND),
+            Decision::RestartAt(now + 2 * SECOND)
+        );
     }
 
     #[test]
@@ -166,7 +223,7 @@ mod tests {
         assert_eq!(policy("restart = 'never'").on_end(clean, 0, 9 * SECOND), Decision::Rest);
         assert_eq!(policy("").on_end(clean, 0, 9 * SECOND), Decision::RestartAt(9 * SECOND));
         assert!(matches!(
-            policy("restart = 'never'").on_end(KILLED, 0, 9 * SECOND),
+            policy("restart = 'never'").on_end(CRASHED, 0, 9 * SECOND),
             Decision::GiveUp(_)
         ));
     }

@@ -79,7 +79,7 @@ pub fn run(arguments: &ReplayArguments) -> Result<ExitCode, Error> {
         );
     }
     let termination = listen()?;
-    let mut supervisor = commands::begin(system, None, termination.clone())?;
+    let mut supervisor = Supervisor::new(system, termination.clone())?;
     let outcome = play(&mut supervisor, &mut recordings, &termination);
     supervisor.stop(|_| ())?;
     outcome?;

@@ -14,7 +14,8 @@ const VACATE_MAX_NS: u64 = 2_000_000_000;
 /// The right to run a system of this name, and its folder. Dropping it leaves nothing behind.
 #[derive(Debug)]
 pub struct Root {
-    folder: PathBuf,
+    /// The folder.
+    pub folder: PathBuf,
     prefix: String,
     lock_path: PathBuf,
     /// `CLOCK_MONOTONIC` [ns] at the start of the system.
@@ -60,14 +61,30 @@ impl Root {
         Ok(root)
     }
 
-    /// Writes a small file into the folder and returns its path.
+    /// Writes a small file into the folder and returns its path. Who reads it at the same time finds the old one or the new.
     ///
     /// # Errors
     /// There is no space.
     pub fn write(&self, file: &str, text: &str) -> Result<String, Error> {
         let path = self.folder.join(file);
-        std::fs::write(&path, text).map_err(|error| Error::unavailable(format!("{}: {error}", path.display())))?;
+        let failed = |error: std::io::Error| Error::unavailable(format!("{}: {error}", path.display()));
+        let new = self.folder.join("new");
+        std::fs::write(&new, text)
+            .and_then(|()| std::fs::rename(&new, &path))
+            .map_err(failed)?;
         Ok(path.display().to_string())
+    }
+
+    /// Copies a file of the folder, if it is there.
+    pub fn copy(&self, from: &str, to: &str) {
+        // What cannot be copied is as if it were not there.
+        let _ = std::fs::remove_file(self.folder.join(to));
+        let _ = std::fs::copy(self.folder.join(from), self.folder.join(to));
+    }
+
+    /// Gives a file of the folder another name. Who has it open keeps it.
+    pub fn rename(&self, from: &str, to: &str) {
+        let _ = std::fs::rename(self.folder.join(from), self.folder.join(to));
     }
 
     /// Waits until no process lives in the folder: those of a killed launcher are dying.

@@ -1,6 +1,10 @@
 //! Starts the services, watches them, starts them again, and stops them. It never waits for what it supervises.
 
+mod succession;
+
+use crate::control::Ear;
 use crate::policy::{Decision, Ending, Policy};
+use crate::privacy;
 use crate::process::Process;
 use crate::root::Root;
 use crate::system::System;
@@ -11,6 +15,7 @@ use shell::{
     sleep_until,
 };
 use std::collections::BTreeMap;
+use succession::{Former, Succession};
 use zerocopy::FromZeros;
 
 const MS_NS: u64 = 1_000_000;
@@ -24,6 +29,8 @@ const STOP_GRACE_NS: u64 = 1000 * MS_NS;
 const HANG_GRACE_NS: u64 = 50 * MS_NS;
 /// Between two samples of the supervision wire [ns].
 const REPORT_NS: u64 = 200 * MS_NS;
+/// The system file that services read, in the system's folder.
+const SYSTEM_FILE: &str = "system.toml";
 /// Lines of the log that are kept until they are fetched.
 const LOG_MAX: usize = 1000;
 
@@ -31,6 +38,12 @@ const LOG_MAX: usize = 1000;
 pub struct Supervisor {
     system: System,
     system_path: String,
+    ear: Ear,
+    succession: Option<Succession>,
+    /// The predecessor of a service on probation.
+    former: Option<Former>,
+    /// Processes that are to end, and when they are made to.
+    leaving: Vec<(Process, u64)>,
     services: BTreeMap<String, Service>,
     wires: BTreeMap<String, WatchedWire>,
     report: Output<Supervision>,
@@ -82,17 +95,15 @@ impl Service {
 pub type Seen<'a> = (&'a str, Port, &'a Header, &'a [u8]);
 
 impl Supervisor {
-    /// Makes the wires of a system. `system_path` is what its services are told to read; `None` writes the file into the
-    /// system's own folder.
+    /// Makes the wires of a system.
     ///
     /// # Errors
     /// A system of this name runs already, or shared memory cannot be had.
-    pub fn new(system: System, system_path: Option<String>, termination: Termination) -> Result<Self, Error> {
+    pub fn new(system: System, termination: Termination) -> Result<Self, Error> {
         let root = Root::take(&system.file)?;
-        let system_path = match system_path {
-            Some(path) => path,
-            None => root.write("system.toml", &system.file.text)?,
-        };
+        // A copy: what a person edits in the file counts from `terrasense apply` on, not from a service's next restart.
+        let system_path = root.write(SYSTEM_FILE, &system.file.text)?;
+        shell::wake_when_children_end().map_err(|error| Error::internal(error.to_string()))?;
         let domain = Domain::enter(&system.file, "launcher")?;
         let mut wires = BTreeMap::new();
         for (name, wire) in &system.wires {
@@ -109,7 +120,8 @@ impl Supervisor {
             );
         }
         let supervision = domain.create_supervision()?;
-        let report = domain.output(SUPERVISION_WIRE, termination.clone())?;
+        privacy::close(&system.file)?;
+        let report = domain.output(SUPERVISION_WIRE, &termination)?;
         let services = system.file.services.iter().map(|(name, table)| {
             let service = Service {
                 state: ServiceState::STOPPED,
@@ -130,6 +142,10 @@ impl Supervisor {
             services,
             system,
             system_path,
+            ear: Ear::open(&root.folder)?,
+            succession: None,
+            former: None,
+            leaving: Vec::new(),
             wires,
             report,
             reported_ns: 0,
@@ -178,6 +194,8 @@ impl Supervisor {
     /// # Errors
     /// Shared memory is broken.
     pub fn stop(&mut self, mut on_sample: impl FnMut(Seen<'_>)) -> Result<(), Error> {
+        self.succession = None;
+        self.leaving.clear();
         for name in self.system.order.clone().iter().rev() {
             let deadline_ns = now_ns() + STOP_GRACE_NS;
             self.services[name].process.iter().for_each(Process::terminate);
@@ -273,10 +291,17 @@ impl Supervisor {
     }
 
     fn look(&mut self, on_sample: &mut impl FnMut(Seen<'_>)) -> Result<usize, Error> {
-        let seen = self.drain(on_sample)?;
+        let mut succession = self.succession.take();
+        let seen = self.drain(&mut |seen| {
+            succession.iter_mut().for_each(|succession| succession.see(&seen));
+            on_sample(seen);
+        })?;
+        self.succession = succession;
         for name in self.system.order.clone() {
             self.look_at(&name)?;
         }
+        self.look_at_succession()?;
+        self.look_at_leaving()?;
         if now_ns() - self.reported_ns >= REPORT_NS {
             self.reported_ns = now_ns();
             let report = self.report();
@@ -340,7 +365,8 @@ impl Supervisor {
         let service = self.service(name);
         if let Some(process) = service.process.as_mut() {
             if let Some(ending) = process.ended()? {
-                return self.on_end(name, ending);
+                let was_ended = service.kill_at_ns.is_some();
+                return self.on_end(name, if was_ended { Ending::Hung } else { ending });
             }
             if let Some(kill_at_ns) = service.kill_at_ns {
                 if now >= kill_at_ns {
@@ -350,7 +376,7 @@ impl Supervisor {
             }
         }
         match service.state {
-            ServiceState::BACKOFF if now >= service.restart_at_ns => self.launch(name),
+            ServiceState::BACKOFF | ServiceState::GIVEN_UP if now >= service.restart_at_ns => self.launch(name),
             ServiceState::STARTING => {
                 self.look_at_start(name);
                 Ok(())
@@ -455,11 +481,14 @@ impl Supervisor {
         service.process = None;
         service.kill_at_ns = None;
         service.ending = Some(ending);
-        let how = match ending {
-            Ending::Code(code) => format!("ended with code {code}"),
-            Ending::Signal(signal) => format!("ended by signal {signal}"),
-        };
+        let how = ending.to_string();
+        if self.roll_back(name)? {
+            self.service(name).restarts += 1;
+            self.say(format!("{name}: {how} on probation; rolled back to the one before"));
+            return self.launch(name);
+        }
         let now = now_ns();
+        let service = self.service(name);
         match service.policy.on_end(ending, service.started_ns, now) {
             Decision::RestartAt(at_ns) => {
                 service.state = ServiceState::BACKOFF;
@@ -472,8 +501,17 @@ impl Supervisor {
                     self.launch(name)?;
                 }
             }
+            Decision::HoldUntil(at_ns, why) => {
+                service.state = ServiceState::GIVEN_UP;
+                service.restart_at_ns = at_ns;
+                let pause_s = (at_ns - now) / (1000 * MS_NS);
+                self.say(format!(
+                    "{name}: {how}; given up: {why}; the other services go on; next try in {pause_s} s"
+                ));
+            }
             Decision::GiveUp(why) => {
                 service.state = ServiceState::GIVEN_UP;
+                service.restart_at_ns = u64::MAX;
                 self.say(format!("{name}: {how}; given up: {why}; the other services go on"));
             }
             Decision::Rest => {

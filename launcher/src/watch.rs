@@ -26,6 +26,8 @@ pub struct Watch {
     pub ended: bool,
     /// When the last sample was sent; 0 before the first.
     pub last_ns: u64,
+    /// The start of its writer, as the last sample tells.
+    pub generation: u32,
     /// When the first sample was sent that nobody has answered yet, by the answering wire's watch; see [`Watch::answered`].
     sent: Vec<(u64, u64)>,
     arrivals: VecDeque<u64>,
@@ -41,6 +43,7 @@ impl Default for Watch {
             bad: 0,
             ended: false,
             last_ns: 0,
+            generation: 0,
             sent: vec![(u64::MAX, 0); CYCLES_REMEMBERED],
             arrivals: VecDeque::with_capacity(CYCLES_REMEMBERED),
             latencies: VecDeque::with_capacity(LATENCIES_REMEMBERED),
@@ -67,6 +70,7 @@ impl Watch {
         }
         self.sequence = Some(self.sequence.unwrap_or(0).max(header.sequence));
         self.last_ns = header.published_ns;
+        self.generation = header.generation;
         self.sent[place(header.sequence)] = (header.sequence, header.published_ns);
         if self.arrivals.len() == CYCLES_REMEMBERED {
             self.arrivals.pop_front();
@@ -78,6 +82,12 @@ impl Watch {
             }
             self.latencies.push_back(header.published_ns.saturating_sub(sent_ns));
         }
+    }
+
+    /// The newest number.
+    #[must_use]
+    pub fn newest(&self) -> Option<u64> {
+        self.sequence
     }
 
     /// When the sample of this number was sent, if it is remembered.

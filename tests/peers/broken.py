@@ -3,14 +3,14 @@
 usage: broken.py FAULT SYSTEM.TOML SERVICE. Without a fault (`none`) it keeps all rules, though it never sees anything.
 """
 
-import signal
 import sys
 import time
 import tomllib
 from pathlib import Path
 
-from sinkage import EXIT_CONFIG, Reader, Writer, enter, is_believable
-from terrasense_messages import Sinkage, Status
+from sinkage import is_believable
+from terrasense_messages import Frame, Sinkage, Status
+from terrasense_shell import EXIT_CONFIG, Failure, Shell
 
 SINGLES, GOOD = 60, 120  # sequences up to which triggers come one by one, and up to which all are sound
 
@@ -27,37 +27,34 @@ def main(fault, system_file, name):
         print(f"{system_file}: unknown key in {service['config']}", file=sys.stderr)
         return EXIT_CONFIG
 
-    stopping = []
-    signal.signal(signal.SIGTERM, lambda *_: stopping.append(True))
-    root = f"/dev/shm/terrasense-{tables['system']['name']}"
-    generation_file = Path(root, f"{name}.generation")
-    first = generation_file.read_text() == "1"
+    shell = Shell(tables, name)
+    first = shell.generation == 1
     if fault == "late" and first:
         time.sleep(service["start_timeout_ms"] / 1000)
-    node = enter(root, f"terrasense-{tables['system']['name']}-", name)
     try:
-        reader = Reader(node, service["inputs"]["frames"])
-        writer = Broken(fault, node, service["outputs"]["sinkage"], generation_file, "live")
-    except SystemExit:
-        if fault != "any_layout":
-            raise
-        time.sleep(1000)
-    hoard = []
-    while not stopping or fault == "deaf":
+        reader, output = shell.input("frames", Frame), shell.output("sinkage", Sinkage)
+    except Failure as failure:
+        if fault == "any_layout":
+            time.sleep(1000)
+        print(failure, file=sys.stderr)
+        return failure.code
+    broken, hoard = Broken(fault, shell, output), []
+    if output.answered is not None and fault != "forgets":
+        reader.resume_after(output.answered)
+    while not shell.stopping or fault == "deaf":
         frame = reader.next()
         if frame is not None and not (fault == "amnesia" and not first and frame.header.status != Status.ENDED):
-            writer.answer(frame)
+            broken.answer(frame)
             if fault == "leaks":
                 hoard.append(b"x" * (64 << 10))
     return 3 if fault == "wrong_code" else 0
 
 
-class Broken(Writer):
+class Broken:
     """Answers every frame, but for the fault."""
 
-    def __init__(self, fault, *arguments):
-        super().__init__(*arguments)
-        self.fault = fault
+    def __init__(self, fault, shell, output):
+        self.fault, self.generation, self.wire = fault, shell.generation, output.wire
         self.held = []
 
     def answer(self, frame):
@@ -100,9 +97,11 @@ class Broken(Writer):
     def send(self, sample):
         sample.header.generation = 0 if self.fault == "no_generation" else self.generation
         sample.header.published_ns = 0 if self.fault == "no_stamp" else time.monotonic_ns()
-        self.publisher.send_copy(sample)
+        self.wire.journal.append(sample)
+        self.wire.publisher.send_copy(sample)
+        self.wire.journal.note_sent()
         if self.fault != "silent_bell":
-            self.notifier.notify()
+            self.wire.notifier.notify()
 
 
 if __name__ == "__main__":

@@ -7,122 +7,18 @@ half of the wheel on its own, smoothed; the interface is where it changes most.
 """
 
 import math
-import signal
 import sys
-import time
-import tomllib
 from pathlib import Path
 
-import iceoryx2
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "shared" / "messages" / "python"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "shared" / "shell" / "python"))
+import terrasense_shell  # noqa: E402
 from terrasense_messages import PIXELS_MAX, Frame, Sinkage, Status  # noqa: E402
 
-WAIT_MAX = iceoryx2.Duration.from_millis(100)
-ATTRIBUTE_BYTES = 240
-EXIT_CONFIG = 78
 
-
-def main(system_file, name):
-    try:
-        tables = tomllib.loads(Path(system_file).read_text(encoding="utf-8"))
-        system, service = tables["system"], tables["service"][name]
-        frames, sinkage = service["inputs"]["frames"], service["outputs"]["sinkage"]
-        config = {"radius_m": 0.15, "rolls": "right"}
-        unknown = service.get("config", {}).keys() - config.keys()
-        if unknown:
-            raise KeyError(f"unknown key of config: {', '.join(sorted(unknown))}")
-        config |= service.get("config", {})
-    except (OSError, tomllib.TOMLDecodeError, KeyError) as error:
-        print(f"service {name}: {system_file}: {type(error).__name__} {error}", file=sys.stderr)
-        return EXIT_CONFIG
-
-    stopping = []
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stopping.append(True))
-
-    root = f"/dev/shm/terrasense-{system['name']}"
-    node = enter(root, f"terrasense-{system['name']}-", name)
-    reader = Reader(node, frames)
-    writer = Writer(node, sinkage, Path(root, f"{name}.generation"), system.get("mode", "live"))
-    while not stopping:
-        frame = reader.next()
-        if frame is None:
-            continue
-        writer.send(answer(frame, config))
-        if frame.header.status == Status.ENDED:
-            break
-    return 0
-
-
-def enter(root, prefix, name):
-    """This process's place in the system's shared memory. Only the launcher cleans up after the dead."""
-    config = iceoryx2.config.default()
-    config.global_cfg.root_path = iceoryx2.Path.new(root)
-    config.global_cfg.prefix = iceoryx2.FileName.new(prefix)
-    config.global_cfg.node.cleanup_dead_nodes_on_creation = False
-    config.global_cfg.node.cleanup_dead_nodes_on_destruction = False
-    config.global_cfg.service.cleanup_dead_nodes_on_open = False
-    builder = iceoryx2.NodeBuilder.new().config(config).name(iceoryx2.NodeName.new(name))
-    builder = builder.signal_handling_mode(iceoryx2.SignalHandlingMode.Disabled)
-    return builder.create(iceoryx2.ServiceType.Ipc)
-
-
-def open_wire(node, wire, message):
-    """The wire's samples and its bell. The launcher creates wires; who opens one insists on the layout."""
-    layout = iceoryx2.AttributeVerifier.new()
-    text = message.fingerprint()
-    for index, start in enumerate(range(0, len(text), ATTRIBUTE_BYTES)):
-        piece = iceoryx2.AttributeValue.new(text[start : start + ATTRIBUTE_BYTES])
-        layout = layout.require(iceoryx2.AttributeKey.new(f"layout.{index}"), piece)
-    name = iceoryx2.ServiceName.new(wire)
-    try:
-        samples = node.service_builder(name).publish_subscribe(message).open_with_attributes(layout)
-        return samples, node.service_builder(name).event().open()
-    except (iceoryx2.PublishSubscribeOpenError, iceoryx2.EventOpenError) as error:
-        sys.exit(f"cannot open wire {wire} with the layout of {message.NAME}: {error}; is the launcher up?")
-
-
-class Reader:
-    """The wire whose samples trigger this service."""
-
-    def __init__(self, node, wire):
-        samples, bell = open_wire(node, wire, Frame)
-        self.subscriber = samples.subscriber_builder().create()
-        self.listener = bell.listener_builder().create()
-        self.sample = None
-
-    def next(self):
-        """The next frame, which holds until the next call; None where none came while waiting. A bell can be missed, a
-        sample cannot: whatever woke us, we look."""
-        self.sample = None
-        self.sample = self.subscriber.receive()
-        if self.sample is None:
-            try:
-                self.listener.timed_wait(WAIT_MAX)
-            except iceoryx2.ListenerWaitError as error:
-                if "InterruptSignal" not in str(error):
-                    raise
-            self.sample = self.subscriber.receive()
-        return None if self.sample is None else self.sample.payload().contents
-
-
-class Writer:
-    """The wire that this service writes."""
-
-    def __init__(self, node, wire, generation_file, mode):
-        samples, bell = open_wire(node, wire, Sinkage)
-        strategy = iceoryx2.BackpressureStrategy
-        strategy = strategy.RetryUntilDelivered if mode == "replay" else strategy.DiscardData
-        self.publisher = samples.publisher_builder().backpressure_strategy(strategy).create()
-        self.notifier = bell.notifier_builder().default_event_id(iceoryx2.EventId.new(0)).create()
-        self.generation = int(generation_file.read_text()) if generation_file.exists() else 0
-
-    def send(self, sample):
-        sample.header.generation = self.generation
-        sample.header.published_ns = time.monotonic_ns()
-        self.publisher.send_copy(sample)
-        self.notifier.notify()
+def service(shell):
+    config = shell.config(radius_m=0.15, rolls="right")
+    frames, sinkage = shell.input("frames", Frame), shell.output("sinkage", Sinkage)
+    shell.on_each(frames, sinkage, lambda frame: answer(frame, config))
 
 
 ROWS = 120  # of the lower half of the wheel
@@ -217,6 +113,4 @@ def filtered(rows, row):
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        sys.exit("usage: sinkage.py SYSTEM.TOML SERVICE")
-    sys.exit(main(sys.argv[1], sys.argv[2]))
+    sys.exit(terrasense_shell.main(service))

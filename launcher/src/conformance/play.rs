@@ -111,7 +111,7 @@ pub type Observed = Box<dyn Fn(&Rover, f64, &Header) -> Result<(), Error>>;
 
 /// Opens a wire that the stage takes in.
 pub fn observed<T: Played>(domain: &Domain, wire: &str, termination: &Termination) -> Result<Observed, Error> {
-    let output: Output<T> = domain.output(wire, termination.clone())?;
+    let output: Output<T> = domain.output(wire, termination)?;
     Ok(Box::new(move |rover, time_s, header| {
         output.send_with(|sample| {
             sample.play(rover, time_s);

@@ -192,7 +192,7 @@ impl<'a, I: Played, O: Message> Trial<'a, I, O> {
         Ok(Self {
             stand,
             rover: Rover::new(simulation::Config::default()),
-            triggers: domain.output(&wire(stage.trigger()), stand.termination.clone())?,
+            triggers: domain.output(&wire(stage.trigger()), &stand.termination)?,
             observed: stage.observed().iter().map(open).collect::<Result<_, _>>()?,
             answers: Tap::open(domain, &wire(stage.answers()))?,
             begin_ns: now_ns() - all * period_ns,

@@ -1,6 +1,7 @@
 //! What the pictures before say of this one: a Bayes filter over the height of either side.
 
 use crate::posterior::{BINS, Posterior};
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
 /// How fast a wheel usually sinks or climbs, in outer radii per second, and what its height is uncertain by at once.
 const RATE_S: f32 = 0.08;
@@ -50,6 +51,38 @@ impl Filter {
     pub fn observe(&mut self, taken_ns: u64, sides: &[Option<Posterior>; 2]) {
         self.taken_ns = taken_ns;
         self.sides.clone_from(sides);
+    }
+}
+
+/// The filter as plain bytes. A side that is not expected is zeros, and its flag 0.
+#[derive(FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(crate) struct State {
+    taken_ns: u64,
+    expected: [u32; 2],
+    mass: [[f32; BINS]; 2],
+}
+
+impl Filter {
+    pub(crate) fn state(&self) -> State {
+        let mass = self.sides.each_ref().map(|side| side.as_ref().map(|side| side.mass));
+        State {
+            taken_ns: self.taken_ns,
+            expected: mass.map(|mass| u32::from(mass.is_some())),
+            mass: mass.map(|mass| mass.unwrap_or([0.0; BINS])),
+        }
+    }
+
+    /// # Errors
+    /// Why this can be no state.
+    pub(crate) fn set(&mut self, state: &State) -> Result<(), &'static str> {
+        let is_probability = |mass: &f32| (0.0..=1.001).contains(mass);
+        if !state.mass.as_flattened().iter().all(is_probability) {
+            return Err("holds a probability that cannot be");
+        }
+        self.taken_ns = state.taken_ns;
+        self.sides = [0, 1].map(|side| (state.expected[side] != 0).then(|| Posterior { mass: state.mass[side] }));
+        Ok(())
     }
 }
 

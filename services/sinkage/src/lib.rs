@@ -24,13 +24,14 @@ use center::Shift;
 use contrast::Contrast;
 use filter::Filter;
 use interface::Interface;
-use messages::{Frame, Sinkage, Status};
+use messages::{Frame, Resumable, Sinkage, Status};
 use posterior::Posterior;
 use rim::Rim;
 use ring::Ring;
 use rows::Side;
 use serde::Deserialize;
 use weights::Weights;
+use zerocopy::{FromBytes, IntoBytes};
 
 /// Share of a side's pixels that must be in the picture.
 const SHARE_MIN: f64 = 0.75;
@@ -183,6 +184,21 @@ impl SinkageTracker {
             sinkage.confidence = exit.map_or(entry.confidence, |exit| entry.confidence.min(exit.confidence));
         }
         sinkage
+    }
+}
+
+impl Resumable for SinkageTracker {
+    fn state_bytes(&self) -> usize {
+        size_of::<filter::State>()
+    }
+
+    fn save(&self, state: &mut [u8]) {
+        state.copy_from_slice(self.filter.state().as_bytes());
+    }
+
+    fn restore(&mut self, state: &[u8]) -> Result<(), &'static str> {
+        let state = filter::State::read_from_bytes(state).map_err(|_| "is of another length")?;
+        self.filter.set(&state)
     }
 }
 

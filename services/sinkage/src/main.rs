@@ -9,6 +9,8 @@ fn main() -> ExitCode {
         let mut tracker = SinkageTracker::new(shell.config(Config::validate)?);
         let mut frames = shell.input::<Frame>("frames")?;
         let sinkage = shell.output::<Sinkage>("sinkage")?;
-        shell.on_each(&mut frames, &sinkage, |frame| Ok(tracker.step(frame)))
+        shell.on_each(&mut tracker, &mut frames, &sinkage, |tracker, frame| {
+            Ok(tracker.step(frame))
+        })
     })
 }

@@ -5,8 +5,9 @@
 
 mod strength;
 
-use messages::{Sinkage, Soil, Status, Terrain, TerrainClass};
+use messages::{Message, Resumable, Sinkage, Soil, Status, Terrain, TerrainClass};
 use serde::Deserialize;
+use zerocopy::{FromBytes, FromZeros, Immutable, IntoBytes, KnownLayout};
 
 /// How long each part may be used after it was measured.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
@@ -183,6 +184,61 @@ fn age_ns(terrain: &Terrain, taken_ns: u64) -> u64 {
 
 fn is_young(age_ns: u64, age_max_s: f64) -> bool {
     age_ns as f64 <= age_max_s * 1e9
+}
+
+/// What the fusion remembers, as plain bytes. A sample that is not known is zeros, and its flag 0.
+#[derive(FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+struct State {
+    sinkage: Sinkage,
+    soil: Soil,
+    class: TerrainClass,
+    known: [u32; 3],
+    sinkage_status: Status,
+    class_status: Status,
+    unused: u32,
+}
+
+fn known<T: Message>(flag: u32, sample: T) -> Result<Option<T>, &'static str> {
+    match flag {
+        0 => Ok(None),
+        _ => sample.check().map(|()| Some(sample)),
+    }
+}
+
+impl Resumable for TerrainFusion {
+    fn state_bytes(&self) -> usize {
+        size_of::<State>()
+    }
+
+    fn save(&self, state: &mut [u8]) {
+        let present = [self.sinkage.is_some(), self.soil.is_some(), self.class.is_some()];
+        let mut all = State::new_zeroed();
+        all.known = present.map(u32::from);
+        all.sinkage_status = self.sinkage_status;
+        all.class_status = self.class_status;
+        self.sinkage.iter().for_each(|known| all.sinkage = *known);
+        self.soil.iter().for_each(|known| all.soil = *known);
+        self.class.iter().for_each(|known| all.class = *known);
+        state.copy_from_slice(all.as_bytes());
+    }
+
+    fn restore(&mut self, state: &[u8]) -> Result<(), &'static str> {
+        let all = State::read_from_bytes(state).map_err(|_| "is of another length")?;
+        if all.sinkage_status.word().is_none() || all.class_status.word().is_none() {
+            return Err("holds a status that has no meaning");
+        }
+        let [sinkage, soil, class] = all.known;
+        let parts = (
+            known(sinkage, all.sinkage)?,
+            known(soil, all.soil)?,
+            known(class, all.class)?,
+        );
+        (self.sinkage, self.soil, self.class) = parts;
+        self.sinkage_status = all.sinkage_status;
+        self.class_status = all.class_status;
+        Ok(())
+    }
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ fn main() -> ExitCode {
         let sinkage = shell.observation::<Sinkage>("sinkage")?;
         let class = shell.observation::<TerrainClass>("class")?;
         let terrain = shell.output::<Terrain>("terrain")?;
-        shell.on_each(&mut soil, &terrain, |sample| {
+        shell.on_each(&mut fusion, &mut soil, &terrain, |fusion, sample| {
             sinkage.until(sample.header.taken_ns, |seen| fusion.observe_sinkage(seen))?;
             class.until(sample.header.taken_ns, |heard| fusion.observe_class(heard))?;
             Ok(fusion.step(sample))

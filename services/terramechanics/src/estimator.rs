@@ -3,7 +3,8 @@
 use crate::checkpoint::{Checkpoint, State};
 use crate::model::Model;
 use crate::{Config, Estimator, Row};
-use messages::{Sinkage, Soil, Status, Wheel};
+use messages::{Resumable, Sinkage, Soil, Status, Wheel};
+use zerocopy::{FromBytes, IntoBytes};
 
 /// Estimates the soil under one wheel.
 #[derive(Clone, Debug)]
@@ -79,5 +80,20 @@ impl SoilEstimator {
             }
         };
         full.report(&self.model, soil)
+    }
+}
+
+impl Resumable for SoilEstimator {
+    fn state_bytes(&self) -> usize {
+        size_of::<Checkpoint>()
+    }
+
+    fn save(&self, state: &mut [u8]) {
+        state.copy_from_slice(self.checkpoint().as_bytes());
+    }
+
+    fn restore(&mut self, state: &[u8]) -> Result<(), &'static str> {
+        let checkpoint = Checkpoint::read_from_bytes(state).map_err(|_| "is of another length")?;
+        Self::restore(self, &checkpoint)
     }
 }

@@ -10,7 +10,7 @@ fn main() -> ExitCode {
         let mut sinkage = shell.input::<Sinkage>("sinkage")?;
         let wheel = shell.observation::<Wheel>("wheel")?;
         let soil = shell.output::<Soil>("soil")?;
-        shell.on_each(&mut sinkage, &soil, |sample| {
+        shell.on_each(&mut estimator, &mut sinkage, &soil, |estimator, sample| {
             wheel.until(sample.header.taken_ns, |reading| estimator.observe_wheel(reading))?;
             Ok(estimator.step(sample))
         })

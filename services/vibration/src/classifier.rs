@@ -1,12 +1,14 @@
 //! Vibration in, the class of the terrain out: the stage.
 
-use crate::decision::Decider;
+use crate::decision::{Belief, Decider};
 use crate::features::Extractor;
 use crate::model::{Filtering, Model, Rejecting};
 use crate::recording::Window;
-use crate::window::Collector;
-use messages::{CHANNELS_MAX, Header, SAMPLES_MAX, Status, TerrainClass, Vibration, label, label_text};
+use crate::window::{Collector, Progress};
+use messages::{CHANNELS_MAX, Header, Message, Resumable, SAMPLES_MAX, Status};
+use messages::{TerrainClass, Vibration, label, label_text};
 use serde::Deserialize;
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
 /// The channel that tells whether the vehicle moves.
 pub const SPEED_CHANNEL: &str = "linear_velocity_m_s";
@@ -180,6 +182,47 @@ impl VibrationClassifier {
         self.decided.unknown = 1;
         self.decided.metric = f64::NAN;
         self.decided.probability.fill(f64::NAN);
+    }
+}
+
+/// What goes from step to step, as plain bytes; the values collected so far follow.
+#[derive(FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+struct State {
+    decided: TerrainClass,
+    belief: Belief,
+    progress: Progress,
+}
+
+impl Resumable for VibrationClassifier {
+    fn state_bytes(&self) -> usize {
+        size_of::<State>() + size_of_val(self.collector.progress().1)
+    }
+
+    fn save(&self, state: &mut [u8]) {
+        let (progress, values) = self.collector.progress();
+        let head = State {
+            decided: self.decided,
+            belief: self.decider.belief(),
+            progress,
+        };
+        let (start, end) = state.split_at_mut(size_of::<State>());
+        start.copy_from_slice(head.as_bytes());
+        end.copy_from_slice(values.as_bytes());
+    }
+
+    fn restore(&mut self, state: &[u8]) -> Result<(), &'static str> {
+        let (head, values) = State::read_from_prefix(state).map_err(|_| "is of another length")?;
+        let (values, rest) = values.as_chunks();
+        let values: Vec<f64> = values.iter().map(|value| f64::from_ne_bytes(*value)).collect();
+        head.decided.check()?;
+        if !rest.is_empty() || head.decided.labels != self.decided.labels || !head.belief.is_sound() {
+            return Err("is of another model");
+        }
+        self.collector.set(&head.progress, &values)?;
+        self.decider.believe(&head.belief);
+        self.decided = head.decided;
+        Ok(())
     }
 }
 

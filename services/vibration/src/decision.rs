@@ -7,6 +7,7 @@ use crate::model::{Filtering, Method, Model, Rejecting, class_pairs};
 use crate::recording::Window;
 use crate::window::Quality;
 use messages::{CLASSES_MAX, Status};
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
 /// One number a class.
 pub type PerClass = [f64; CLASSES_MAX];
@@ -64,6 +65,22 @@ pub struct Decision {
     pub probability: PerClass,
 }
 
+/// What the windows so far let believe, as plain bytes.
+#[derive(Clone, Copy, Debug, FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(crate) struct Belief {
+    probability: PerClass,
+    believed_ns: u64,
+    /// 0 where it rests on no window.
+    rests: u64,
+}
+
+impl Belief {
+    pub(crate) fn is_sound(&self) -> bool {
+        self.probability.iter().all(|p| (0.0..=1.001).contains(p))
+    }
+}
+
 /// Decides on one window after the other.
 pub struct Decider {
     model: Model,
@@ -97,6 +114,19 @@ impl Decider {
     pub fn enter(&mut self, belief: PerClass) {
         self.belief = belief;
         self.believed_ns = None;
+    }
+
+    pub(crate) fn belief(&self) -> Belief {
+        Belief {
+            probability: self.belief,
+            believed_ns: self.believed_ns.unwrap_or(0),
+            rests: u64::from(self.believed_ns.is_some()),
+        }
+    }
+
+    pub(crate) fn believe(&mut self, belief: &Belief) {
+        self.belief = belief.probability;
+        self.believed_ns = (belief.rests != 0).then_some(belief.believed_ns);
     }
 
     /// Decides on the next window.

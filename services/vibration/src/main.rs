@@ -18,7 +18,7 @@ fn main() -> ExitCode {
         let mut vibration = shell.input::<Vibration>("vibration")?;
         let class = shell.output::<TerrainClass>("class")?;
         let mut checked = false;
-        shell.on_each(&mut vibration, &class, |piece| {
+        shell.on_each(&mut classifier, &mut vibration, &class, |classifier, piece| {
             if !checked && piece.header.status == Status::OK {
                 checked = true;
                 if let Err(why) = classifier.check_fit(piece) {

@@ -1,5 +1,7 @@
 //! Pieces of vibration collected into windows: gaps, jitter, missing values and faults of the sensor.
 
+use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
+
 /// Missing share of a channel up to which a window is repaired.
 const MISSING_MAX: f64 = 0.05;
 /// Share of a window's samples at the end of the scale from which a channel may be saturated ...
@@ -153,6 +155,50 @@ impl Collector {
             }
         }
         quality
+    }
+}
+
+/// Where a collector stands, as plain bytes; its values follow.
+#[derive(FromBytes, IntoBytes, Immutable, KnownLayout)]
+#[repr(C)]
+pub(crate) struct Progress {
+    filled: u64,
+    surplus: u64,
+    start_ns: u64,
+    last_ns: u64,
+    has_last: u64,
+    ahead_ns: f64,
+}
+
+impl Collector {
+    pub(crate) fn progress(&self) -> (Progress, &[f64]) {
+        let progress = Progress {
+            filled: self.filled as u64,
+            surplus: self.surplus as u64,
+            start_ns: self.start_ns,
+            last_ns: self.last_ns.unwrap_or(0),
+            has_last: u64::from(self.last_ns.is_some()),
+            ahead_ns: self.ahead_ns,
+        };
+        (progress, &self.values)
+    }
+
+    /// # Errors
+    /// Why this can be no progress.
+    pub(crate) fn set(&mut self, progress: &Progress, values: &[f64]) -> Result<(), &'static str> {
+        let filled = usize::try_from(progress.filled).unwrap_or(usize::MAX);
+        let surplus = usize::try_from(progress.surplus).unwrap_or(usize::MAX);
+        if filled > self.length || surplus > self.length || !progress.ahead_ns.is_finite() {
+            return Err("holds counts that cannot be");
+        }
+        if values.len() != self.values.len() {
+            return Err("is of another length");
+        }
+        self.values.copy_from_slice(values);
+        (self.filled, self.surplus, self.start_ns) = (filled, surplus, progress.start_ns);
+        self.last_ns = (progress.has_last != 0).then_some(progress.last_ns);
+        self.ahead_ns = progress.ahead_ns;
+        Ok(())
     }
 }
 

@@ -6,6 +6,7 @@
 mod frame;
 mod header;
 mod layout;
+mod resumable;
 mod sinkage;
 mod soil;
 mod supervision;
@@ -17,6 +18,7 @@ mod wheel;
 pub use frame::{Frame, PIXELS_MAX};
 pub use header::{Header, Status};
 pub use layout::{Field, Kind, covers, difference, fingerprint};
+pub use resumable::Resumable;
 pub use sinkage::Sinkage;
 pub use soil::Soil;
 pub use supervision::{SERVICES_MAX, ServiceState, Supervision};

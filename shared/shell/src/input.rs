@@ -1,14 +1,18 @@
 //! Wires that this service reads: the one whose samples trigger it, and those that it observes.
 
+use crate::checkpoint::OBSERVED_MAX;
+use crate::journal::{Journal, repeats};
 use crate::termination::Termination;
 use crate::wire::Domain;
 use crate::{Error, Mode, now_ns};
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
+use iceoryx2::service::port_factory::subscriber::PortFactorySubscriber;
 use messages::{Header, Message, Status};
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
+use std::ops::Deref;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -22,28 +26,62 @@ const COPIED_MAX: usize = 16 << 10;
 const FUTURE_MAX_NS: u64 = 1_000_000_000;
 /// Observations that wait for their trigger at the most. A replay's sources run ahead by as much; beyond, they are stopped.
 const OBSERVATIONS_MAX: usize = 1_000_000;
+/// Samples in a row that come later and later, beyond which a stage skips to the newest.
+const FALLING_BEHIND_MAX: u32 = 8;
 /// Observations that can wait without memory being asked for.
 const OBSERVATIONS_PREPARED: usize = 1024;
 
 type Sample<T> = iceoryx2::sample::Sample<ipc::Service, T, ()>;
 
-/// A wire that this process reads.
+/// A wire that this process reads, every sample once: what the wire does not bring, because it was sent while nobody
+/// listened or its writer died over it, comes from the journal.
 #[derive(Debug)]
 struct Reader<T: Message> {
     subscriber: Subscriber<ipc::Service, T, ()>,
     listener: Listener<ipc::Service>,
+    journal: Option<Journal>,
+    /// Number, in the journal, of the sample that comes next.
+    next: u64,
+    /// What the wire has brought while samples before it are still to be read from the journal.
+    held: Option<Sample<T>>,
+    /// The newest sample that was handed out and could be believed.
+    last: Option<Header>,
     wire: String,
     mode: Mode,
     bad: u64,
 }
 
+/// A sample: in shared memory, or a copy from the journal.
+enum Received<T: Message> {
+    Lent(Sample<T>),
+    Kept(Box<T>),
+}
+
+impl<T: Message> Deref for Received<T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        match self {
+            Self::Lent(sample) => sample.payload(),
+            Self::Kept(sample) => sample,
+        }
+    }
+}
+
 impl<T: Message> Reader<T> {
+    /// A stage's reader: what was sent before it came is there too.
     fn open(domain: &Domain, wire: &str) -> Result<Self, Error> {
+        Self::open_with(domain, wire, |builder| builder)
+    }
+
+    fn open_with(
+        domain: &Domain,
+        wire: &str,
+        set: impl FnOnce(PortFactorySubscriber<ipc::Service, T, ()>) -> PortFactorySubscriber<ipc::Service, T, ()>,
+    ) -> Result<Self, Error> {
         let opened = domain.open::<T>(wire)?;
         let failed = |what: &dyn std::fmt::Debug| Error::unavailable(format!("cannot read wire {wire}: {what:?}"));
-        let subscriber = opened
-            .samples
-            .subscriber_builder()
+        let subscriber = set(opened.samples.subscriber_builder())
             .create()
             .map_err(|error| failed(&error))?;
         let listener = opened
@@ -54,16 +92,93 @@ impl<T: Message> Reader<T> {
         Ok(Self {
             subscriber,
             listener,
+            journal: opened.journal,
+            next: 0,
+            held: None,
+            last: None,
             wire: wire.into(),
             mode: domain.mode(),
             bad: 0,
         })
     }
 
-    fn receive(&self) -> Result<Option<Sample<T>>, Error> {
+    /// Goes on after a sample that has been taken in already.
+    fn resume_after(&mut self, header: &Header) {
+        self.last = Some(*header);
+        self.next = self.journal.as_ref().map_or(0, |journal| journal.first_after(header));
+    }
+
+    /// The next sample, each once and in order; `None` where there is none yet.
+    fn receive(&mut self) -> Result<Option<Received<T>>, Error> {
+        loop {
+            let lent = match self.held.take() {
+                Some(sample) => Some(sample),
+                None => self.take()?,
+            };
+            let brought = lent.as_ref().map(|sample| *sample.payload().header());
+            if let Some(kept) = self.missed(brought.as_ref()) {
+                self.held = lent;
+                return Ok(Some(Received::Kept(kept)));
+            }
+            match (lent, brought) {
+                (Some(_), Some(header)) if self.is_repeat(&header) => {}
+                (lent, _) => return Ok(lent.map(Received::Lent)),
+            }
+        }
+    }
+
+    /// What the wire itself brings.
+    fn take(&self) -> Result<Option<Sample<T>>, Error> {
         self.subscriber
             .receive()
             .map_err(|error| Error::internal(format!("cannot read wire {}: {error:?}", self.wire)))
+    }
+
+    /// The next sample of the journal, unless it is the one that the wire has `brought`.
+    fn missed(&mut self, brought: Option<&Header>) -> Option<Box<T>> {
+        let journal = self.journal.as_ref()?;
+        let numbers = journal.numbers();
+        self.next = self.next.max(numbers.start);
+        while self.next < numbers.end {
+            let number = self.next;
+            self.next += 1;
+            let Some(header) = journal.header(number) else { continue };
+            if brought == Some(&header) {
+                return None;
+            }
+            if !self.is_repeat(&header) {
+                return journal.read(number);
+            }
+        }
+        None
+    }
+
+    fn is_repeat(&self, header: &Header) -> bool {
+        self.mode == Mode::Live && self.last.is_some_and(|last| repeats(header, &last))
+    }
+
+    /// Whether another sample is there already.
+    fn has_more(&self) -> bool {
+        let kept = self
+            .journal
+            .as_ref()
+            .is_some_and(|journal| self.next < journal.numbers().end);
+        kept || self.held.is_some() || self.subscriber.has_samples().unwrap_or(false)
+    }
+
+    /// Leaves out everything but the newest sample that is there; how many samples that were.
+    fn skip_to_newest(&mut self) -> Result<u64, Error> {
+        let mut skipped = 0;
+        if let Some(journal) = &self.journal {
+            let newest = journal.numbers().end.saturating_sub(1);
+            skipped = newest.saturating_sub(self.next);
+            self.next = self.next.max(newest);
+        }
+        while let Some(sample) = self.take()? {
+            skipped += u64::from(self.journal.is_none() && self.held.is_some());
+            self.held = Some(sample);
+        }
+        Ok(skipped)
     }
 
     fn wait(&self) -> Result<(), Error> {
@@ -89,6 +204,9 @@ impl<T: Message> Reader<T> {
         } else {
             Err("impossible instant")
         };
+        if verdict.is_ok() {
+            self.last = Some(*sample.header());
+        }
         if let Err(why) = verdict {
             if self.bad.is_power_of_two() || self.bad == 0 {
                 eprintln!("wire {}: bad sample {}: {why}", self.wire, self.bad + 1);
@@ -123,12 +241,29 @@ impl Attention {
     fn fill(&self) -> Result<(), Error> {
         self.observed.borrow().iter().try_for_each(|queue| queue.fill())
     }
+
+    /// How far each observed wire has been taken in, in the order in which they were opened.
+    pub(crate) fn cut(&self) -> [Header; OBSERVED_MAX] {
+        let observed = self.observed.borrow();
+        std::array::from_fn(|index| observed.get(index).map_or_else(Header::default, |queue| queue.taken()))
+    }
+
+    /// Goes on after what has been taken in already.
+    pub(crate) fn resume_after(&self, cut: &[Header; OBSERVED_MAX]) {
+        for (queue, header) in self.observed.borrow().iter().zip(cut) {
+            queue.resume_after(header);
+        }
+    }
 }
 
 /// An observed wire, whatever it carries.
 trait Queue: std::fmt::Debug {
     /// Takes in what is there, up to [`OBSERVATIONS_MAX`].
     fn fill(&self) -> Result<(), Error>;
+    /// The newest sample that was observed.
+    fn taken(&self) -> Header;
+    /// Goes on after a sample that has been observed already.
+    fn resume_after(&self, header: &Header);
 }
 
 /// The wire whose samples trigger this service.
@@ -139,6 +274,10 @@ pub struct Input<T: Message> {
     /// Stands in for a sample that cannot be believed: its header, marked, and zeros.
     substitute: Box<T>,
     last: Header,
+    age_ns: u64,
+    /// So many samples in a row were older, when they were taken, than the one before.
+    falling_behind: u32,
+    skipped: u64,
 }
 
 impl<T: Message> Input<T> {
@@ -150,7 +289,16 @@ impl<T: Message> Input<T> {
             attention,
             substitute,
             last: Header::default(),
+            age_ns: 0,
+            falling_behind: 0,
+            skipped: 0,
         })
+    }
+
+    /// Goes on after a sample that has been answered already.
+    pub(crate) fn resume_after(&mut self, header: &Header) {
+        self.last = *header;
+        self.reader.resume_after(header);
     }
 
     /// Hands the next sample, once it is there, to `act`. A sample that cannot be believed is replaced by one that says
@@ -164,12 +312,16 @@ impl<T: Message> Input<T> {
                 self.reader.wait()?;
                 continue;
             };
+            if self.falls_behind(sample.header().published_ns) {
+                self.skip_to_newest()?;
+                continue;
+            }
             // What is looked at twice is copied first: a hostile writer could change it in between. Bulk is not copied; who
             // works on it must not trust it to stay.
             let copy = (size_of::<T>() <= COPIED_MAX)
-                .then(|| T::read_from_bytes(sample.payload().as_bytes()).ok())
+                .then(|| T::read_from_bytes(sample.as_bytes()).ok())
                 .flatten();
-            let sample: &T = copy.as_ref().unwrap_or(sample.payload());
+            let sample: &T = copy.as_ref().unwrap_or(&sample);
             let header = *sample.header();
             if self.reader.admits(sample) {
                 self.last = header;
@@ -186,6 +338,29 @@ impl<T: Message> Input<T> {
             }))));
         }
         Ok(None)
+    }
+
+    /// Whether this stage is slower than its input: one sample after the other comes later. What a restart or a pause has
+    /// piled up comes earlier and earlier, and is answered.
+    fn falls_behind(&mut self, published_ns: u64) -> bool {
+        let age_ns = now_ns().saturating_sub(published_ns);
+        let later = self.reader.mode == Mode::Live && age_ns >= self.age_ns && self.reader.has_more();
+        self.age_ns = age_ns;
+        self.falling_behind = if later { self.falling_behind + 1 } else { 0 };
+        self.falling_behind > FALLING_BEHIND_MAX
+    }
+
+    /// The newest data win.
+    fn skip_to_newest(&mut self) -> Result<(), Error> {
+        self.falling_behind = 0;
+        let before = self.skipped;
+        // The one at hand is left out as well.
+        self.skipped += 1 + self.reader.skip_to_newest()?;
+        if before.checked_ilog2() != self.skipped.checked_ilog2() {
+            let (wire, skipped) = (&self.reader.wire, self.skipped);
+            eprintln!("wire {wire}: slower than its samples come; {skipped} left out so far for newer ones");
+        }
+        Ok(())
     }
 
     /// A sample of nothing but a header.
@@ -207,6 +382,7 @@ struct Observed<T: Message> {
     reader: RefCell<Reader<T>>,
     pending: RefCell<VecDeque<T>>,
     ended: Cell<bool>,
+    taken: Cell<Header>,
 }
 
 impl<T: Message> Queue for Observed<T> {
@@ -214,14 +390,23 @@ impl<T: Message> Queue for Observed<T> {
         let (mut reader, mut pending) = (self.reader.borrow_mut(), self.pending.borrow_mut());
         while pending.len() < OBSERVATIONS_MAX {
             let Some(sample) = reader.receive()? else { return Ok(()) };
-            if sample.payload().header().status == Status::ENDED {
+            if sample.header().status == Status::ENDED {
                 self.ended.set(true);
             } else if reader.admits(&sample) {
                 // Any bytes of this length are a valid sample.
-                pending.extend(T::read_from_bytes(sample.payload().as_bytes()));
+                pending.extend(T::read_from_bytes(sample.as_bytes()));
             }
         }
         Ok(())
+    }
+
+    fn taken(&self) -> Header {
+        self.taken.get()
+    }
+
+    fn resume_after(&self, header: &Header) {
+        self.taken.set(*header);
+        self.reader.borrow_mut().resume_after(header);
     }
 }
 
@@ -235,6 +420,7 @@ impl<T: Message> Observation<T> {
                     reader,
                     pending,
                     ended: Cell::new(false),
+                    taken: Cell::new(Header::default()),
                 }))
             })
             .transpose()?;
@@ -258,6 +444,7 @@ impl<T: Message> Observation<T> {
             let mut pending = queue.pending.borrow_mut();
             while let Some(sample) = pending.pop_front_if(|sample| sample.header().taken_ns <= taken_ns) {
                 observe(&sample);
+                queue.taken.set(*sample.header());
             }
             let later_is_there = !pending.is_empty();
             drop(pending);
@@ -276,12 +463,14 @@ impl<T: Message> Observation<T> {
 pub struct Tap<T: Message>(Reader<T>);
 
 impl<T: Message> Tap<T> {
-    /// Opens the wire for reading.
+    /// Opens the wire for reading, from now on.
     ///
     /// # Errors
     /// The wire is not there, or its samples have another layout.
     pub fn open(domain: &Domain, wire: &str) -> Result<Self, Error> {
-        Ok(Self(Reader::open(domain, wire)?))
+        Ok(Self(Reader::open_with(domain, wire, |builder| {
+            builder.history_request(0)
+        })?))
     }
 
     /// Hands the next sample, if there is one, to `act`, whether it can be believed or not.
@@ -289,7 +478,7 @@ impl<T: Message> Tap<T> {
     /// # Errors
     /// The wire is broken.
     pub fn poll<R>(&self, act: impl FnOnce(&T) -> R) -> Result<Option<R>, Error> {
-        Ok(self.0.receive()?.map(|sample| act(&sample)))
+        Ok(self.0.take()?.map(|sample| act(&sample)))
     }
 
     /// Waits for the bell, 20 ms at the most.

@@ -9,14 +9,17 @@
 //!         let mut tracker = SinkageTracker::new(shell.config(|_| Ok(()))?);
 //!         let mut frames = shell.input::<Frame>("frames")?;
 //!         let sinkage = shell.output::<Sinkage>("sinkage")?;
-//!         shell.on_each(&mut frames, &sinkage, |frame| Ok(tracker.step(frame)))
+//!         shell.on_each(&mut tracker, &mut frames, &sinkage, |tracker, frame| Ok(tracker.step(frame)))
 //!     })
 //! }
 //! ```
 
+mod checkpoint;
 mod clock;
 mod error;
 mod input;
+mod journal;
+mod memory;
 mod output;
 mod process;
 mod system_file;
@@ -27,17 +30,26 @@ pub use clock::{now_ns, sleep_until};
 pub use error::Error;
 pub use input::{Input, Observation, Tap};
 pub use output::Output;
-pub use process::{bind_to_parent, harden_descriptors};
+pub use process::{bind_to_parent, harden_descriptors, wake_when_children_end};
 pub use system_file::{Mode, Restart, ServiceTable, SystemFile, SystemTable};
 pub use termination::Termination;
 pub use wire::{AnyTap, Domain, HeldWire, Port, RELEASE, Role, SUPERVISION_WIRE};
 
+use checkpoint::{Checkpoint, Cut};
 use clap::Parser;
 use input::Attention;
-use messages::{Header, Message, Status};
+use messages::{Header, Message, Resumable, Status};
 use serde::de::DeserializeOwned;
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::rc::Rc;
+
+/// A stage's state is kept after every so many triggers: its successor steps through those since then again, unheard.
+const CHECKPOINT_TRIGGERS: u64 = 8;
+/// Ticks that a source makes good at the most: a stage behind it has room for as many.
+const CATCH_UP_TICKS: u64 = 32;
+/// What the checkpoint of a process is called that is to take the place of another.
+pub const REHEARSAL_CHECKPOINT: &str = "rehearsal.checkpoint";
 
 /// One service of a Terrasense system. It is started by `terrasense up`, or by hand with the same words.
 #[derive(Debug, Parser)]
@@ -146,10 +158,16 @@ impl Shell {
     /// The system file names no wire for the port, the wire is not there, or its samples have another layout.
     pub fn output<T: Message>(&mut self, port: &str) -> Result<Output<T>, Error> {
         let wire = self.wire(port, false)?;
+        let succeeded = self.table().takes_over.get(port).map(|wire| wire.get_ref().clone());
         let termination = self.attention.termination.clone();
         let generation = self.generation();
         let domain = self.domain()?;
-        Output::open(domain, &wire, generation, domain.release(), termination)
+        let output = match &succeeded {
+            Some(succeeded) => Output::open(domain, succeeded, Some(&wire), generation, &termination),
+            None => Output::open(domain, &wire, None, generation, &termination),
+        }?;
+        output.wait_for(domain.release());
+        Ok(output)
     }
 
     /// Opens a wire that this service writes, if the system file names one: a source may have more to say than is asked.
@@ -160,37 +178,81 @@ impl Shell {
         self.writes(port).then(|| self.output(port)).transpose()
     }
 
-    /// Answers every sample of `input` with exactly one of `output`, until the process is to end or the recording is over.
-    /// Inside, `step` may first take in observations.
+    /// Answers every sample of `input` with exactly one of `output`, until the process is to end, another process has taken
+    /// its place, or the recording is over. Inside, `step` may first take in observations. The stage goes on where its
+    /// predecessor stopped.
     ///
     /// # Errors
     /// A wire is broken, or `step` failed.
-    pub fn on_each<I: Message, O: Message>(
+    pub fn on_each<S: Resumable, I: Message, O: Message>(
         &self,
+        stage: &mut S,
         input: &mut Input<I>,
         output: &Output<O>,
-        mut step: impl FnMut(&I) -> Result<O, Error>,
+        mut step: impl FnMut(&mut S, &I) -> Result<O, Error>,
     ) -> Result<(), Error> {
-        loop {
-            let answer = input.next(|sample| match sample.header().status {
-                Status::ENDED => Err(*sample.header()),
-                _ => Ok(step(sample)),
+        let mut checkpoint = self.resume(stage, input, output)?;
+        for count in 1_u64.. {
+            let mut trigger = Header::default();
+            let answer = input.next(|sample| {
+                trigger = *sample.header();
+                if trigger.status == Status::ENDED || output.is_over(&trigger) {
+                    return None;
+                }
+                Some(step(stage, sample))
             })?;
             match answer {
-                None => return Ok(()),
-                Some(Ok(sample)) => output.send(sample?)?,
-                Some(Err(last)) => {
-                    output.end(last.taken_ns, last.sequence)?;
+                Some(Some(sample)) => output.send(sample?)?,
+                Some(None) if trigger.status == Status::ENDED => {
+                    output.end(trigger.taken_ns, trigger.sequence)?;
                     // The other wires go on: take them in to their ends, so that their writers can end too.
-                    step(input.substitute(Header {
+                    let end = Header {
                         taken_ns: u64::MAX,
-                        ..last
-                    }))?;
-                    self.until_told();
-                    return Ok(());
+                        ..trigger
+                    };
+                    step(stage, input.substitute(end))?;
+                    break;
                 }
+                Some(None) | None => break,
+            }
+            if let Some(checkpoint) = checkpoint
+                .as_mut()
+                .filter(|_| count.is_multiple_of(CHECKPOINT_TRIGGERS))
+            {
+                let observed = self.attention.cut();
+                checkpoint.keep(stage, &Cut { trigger, observed });
             }
         }
+        self.until_told();
+        Ok(())
+    }
+
+    /// Lets the stage and its inputs go on where its predecessor stopped; what the stage is to keep its state in. A replay
+    /// neither restarts nor swaps.
+    fn resume<S: Resumable, I: Message, O: Message>(
+        &self,
+        stage: &mut S,
+        input: &mut Input<I>,
+        output: &Output<O>,
+    ) -> Result<Option<Checkpoint>, Error> {
+        if self.mode() == Mode::Replay {
+            return Ok(None);
+        }
+        let table = self.table();
+        let file = if table.takes_over.is_empty() {
+            "checkpoint"
+        } else {
+            REHEARSAL_CHECKPOINT
+        };
+        let path = PathBuf::from(self.system.root()).join(format!("{}.{file}", self.name));
+        let config = table.config.as_ref().map(|config| config.get_ref().to_string());
+        let mut checkpoint = Checkpoint::open(&path, stage, &config.unwrap_or_default())?;
+        if let Some(answered) = output.answered() {
+            let cut = checkpoint.restore(stage, &answered);
+            input.resume_after(&cut.map_or(answered, |cut| cut.trigger));
+            cut.iter().for_each(|cut| self.attention.resume_after(&cut.observed));
+        }
+        Ok(Some(checkpoint))
     }
 
     /// Waits until the process is to end. What it has sent stays readable for as long.
@@ -200,7 +262,8 @@ impl Shell {
         }
     }
 
-    /// Calls `act` for every tick `k` at `start + k * period`, until the process is to end. Ticks that are over are left out.
+    /// Calls `act` for every tick `k` at `start + k * period`, until the process is to end. Who comes late catches up, but does
+    /// not make good more than a few ticks.
     ///
     /// # Errors
     /// `act` failed.
@@ -215,7 +278,8 @@ impl Shell {
                 continue;
             }
             act(next, instant_ns)?;
-            next = (next + 1).max(now_ns().saturating_sub(started_ns) / period_ns);
+            let due = now_ns().saturating_sub(started_ns) / period_ns;
+            next = (next + 1).max(due.saturating_sub(CATCH_UP_TICKS));
         }
         Ok(())
     }

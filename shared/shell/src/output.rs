@@ -1,5 +1,6 @@
-//! A wire that this service writes.
+//! A wire that this service writes: in its journal first, then to its readers, then the bell.
 
+use crate::journal::{Journal, repeats};
 use crate::termination::Termination;
 use crate::wire::{Domain, ring};
 use crate::{Error, Mode, now_ns, sleep_until};
@@ -8,7 +9,7 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::{BackpressureAction, BackpressureInfo};
 use iceoryx2::prelude::{BackpressureStrategy, ipc};
 use messages::{Header, Message, Status};
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::path::PathBuf;
 
 /// Between two looks for the release of a replay [ns].
@@ -17,9 +18,13 @@ const RELEASE_POLL_NS: u64 = 1_000_000;
 /// A wire that this service writes.
 #[derive(Debug)]
 pub struct Output<T: Message> {
-    publisher: Publisher<ipc::Service, T, ()>,
-    bell: Notifier<ipc::Service>,
-    wire: String,
+    wire: Writer<T>,
+    /// Where answers go until this writer's turn on the wire comes.
+    rehearsal: Option<Writer<T>>,
+    /// Whether that is still ahead.
+    rehearses: Cell<bool>,
+    /// The newest sample that others have written: it is not answered again.
+    answered: Cell<Option<Header>>,
     generation: u32,
     /// What the first sample waits for.
     release: RefCell<Option<PathBuf>>,
@@ -27,54 +32,68 @@ pub struct Output<T: Message> {
 }
 
 impl<T: Message> Output<T> {
+    /// `rehearsal` is the wire for answers before this writer's turn, of one that is to take the place of another.
     pub(crate) fn open(
         domain: &Domain,
         wire: &str,
+        rehearsal: Option<&str>,
         generation: u32,
-        release: Option<PathBuf>,
-        termination: Termination,
+        termination: &Termination,
     ) -> Result<Self, Error> {
-        let opened = domain.open::<T>(wire)?;
-        let failed = |what: &dyn std::fmt::Debug| Error::unavailable(format!("cannot write wire {wire}: {what:?}"));
-        let builder = opened.samples.publisher_builder().max_loaned_samples(1);
-        let told = termination.clone();
-        let builder = match domain.mode() {
-            Mode::Live => builder.backpressure_strategy(BackpressureStrategy::DiscardData),
-            // A full queue stops the writer, but not one that is to end: its reader may have gone.
-            Mode::Replay => builder.set_backpressure_handler(move |_: &BackpressureInfo| {
-                if told.requested() {
-                    return BackpressureAction::DiscardData;
-                }
-                BackpressureAction::Retry
-            }),
-        };
-        let publisher = builder.create().map_err(|error| failed(&error))?;
-        let bell = opened
-            .bell
-            .notifier_builder()
-            .default_event_id(ring())
-            .create()
-            .map_err(|error| failed(&error))?;
-        Ok(Self {
-            publisher,
-            bell,
-            wire: wire.into(),
+        let writer = |wire| Writer::open(domain, wire, termination);
+        let output = Self {
+            wire: writer(wire)?,
+            rehearsal: rehearsal.map(writer).transpose()?,
+            rehearses: Cell::new(rehearsal.is_some()),
+            answered: Cell::new(None),
             generation,
-            release: RefCell::new(release),
-            termination,
-        })
+            release: RefCell::new(None),
+            termination: termination.clone(),
+        };
+        output.answered.set(output.wire.newest());
+        if output.rehearsal.is_none() {
+            output.wire.send_unsent()?;
+        }
+        Ok(output)
     }
 
-    /// Sends a sample: stamps it, hands it over and rings.
+    /// Lets the first sample wait until this file is there.
+    pub(crate) fn wait_for(&self, release: Option<PathBuf>) {
+        self.release.replace(release);
+    }
+
+    /// The newest sample that this writer's predecessors have sent: what comes after it is to be answered.
+    pub(crate) fn answered(&self) -> Option<Header> {
+        self.answered.get()
+    }
+
+    /// Whether another writer answers this trigger, and all later ones.
+    pub(crate) fn is_over(&self, trigger: &Header) -> bool {
+        !self.rehearses.get() && self.turn_is_after(self.generation, trigger)
+    }
+
+    /// Sends a sample: stamps it, hands it over and rings. What a predecessor has sent already is left out.
     ///
     /// # Errors
     /// The wire is broken.
-    pub fn send(&self, mut sample: T) -> Result<(), Error> {
-        self.wait_for_readers();
-        self.stamp(sample.header_mut());
-        let loan = self.publisher.loan_uninit().map_err(|error| self.failed(&error))?;
-        loan.write_payload(sample).send().map_err(|error| self.failed(&error))?;
-        self.ring()
+    pub fn send(&self, sample: T) -> Result<(), Error> {
+        let header = *sample.header();
+        let write = |place: &mut T| {
+            *place = sample;
+            Ok(())
+        };
+        if let (Some(rehearsal), true) = (&self.rehearsal, self.rehearses.get()) {
+            if !self.turn_is_after(self.generation.saturating_sub(1), &header) {
+                return self.send_on(rehearsal, write);
+            }
+            self.rehearses.set(false);
+            // The one before may have gone on for a moment longer.
+            self.answered.set(self.wire.newest());
+        }
+        match self.answered.get() {
+            Some(before) if repeats(&header, &before) => Ok(()),
+            _ => self.send_on(&self.wire, write),
+        }
     }
 
     /// Sends a sample that `fill` writes in place. It finds there what an earlier sample left, or zeros; only the header
@@ -83,21 +102,27 @@ impl<T: Message> Output<T> {
     /// # Errors
     /// The wire is broken, or `fill` failed.
     pub fn send_with(&self, fill: impl FnOnce(&mut T) -> Result<(), Error>) -> Result<(), Error> {
+        self.send_on(&self.wire, fill)
+    }
+
+    fn send_on(&self, writer: &Writer<T>, fill: impl FnOnce(&mut T) -> Result<(), Error>) -> Result<(), Error> {
         self.wait_for_readers();
-        let mut loan = self.publisher.loan_uninit().map_err(|error| self.failed(&error))?;
-        let bytes: *mut T = loan.payload_mut().as_mut_ptr();
-        // SAFETY: the payload is memory of a mapped file: it is initialised (zeros at first, then what was sent before), and
-        // any bytes are a valid `T` (zerocopy::FromBytes). The loan is exclusive, aligned and as long as `T`.
-        #[allow(unsafe_code)]
-        let sample = unsafe { &mut *bytes };
-        *sample.header_mut() = Header::default();
-        fill(sample)?;
-        self.stamp(sample.header_mut());
-        // SAFETY: as above: the payload is a valid `T`.
-        #[allow(unsafe_code)]
-        let loan = unsafe { loan.assume_init() };
-        loan.send().map_err(|error| self.failed(&error))?;
-        self.ring()
+        writer.publish(|sample| {
+            *sample.header_mut() = Header::default();
+            fill(sample)?;
+            let header = sample.header_mut();
+            header.generation = self.generation;
+            header.published_ns = now_ns();
+            Ok(())
+        })
+    }
+
+    /// Whether a writer of a later generation than this one answers the trigger of this header.
+    fn turn_is_after(&self, generation: u32, header: &Header) -> bool {
+        self.wire.journal.as_ref().is_some_and(|journal| {
+            let (turn, sequence) = journal.turn();
+            turn > generation && header.sequence >= sequence
+        })
     }
 
     /// Says that nothing follows on this wire: an `ENDED` sample of this instant and number.
@@ -125,13 +150,85 @@ impl<T: Message> Output<T> {
             sleep_until(now_ns() + RELEASE_POLL_NS);
         }
     }
+}
 
-    fn stamp(&self, header: &mut Header) {
-        header.generation = self.generation;
-        header.published_ns = now_ns();
+/// One wire's publisher, bell and journal.
+#[derive(Debug)]
+struct Writer<T: Message> {
+    publisher: Publisher<ipc::Service, T, ()>,
+    bell: Notifier<ipc::Service>,
+    journal: Option<Journal>,
+    wire: String,
+}
+
+impl<T: Message> Writer<T> {
+    fn open(domain: &Domain, wire: &str, termination: &Termination) -> Result<Self, Error> {
+        let opened = domain.open::<T>(wire)?;
+        let failed = |what: &dyn std::fmt::Debug| Error::unavailable(format!("cannot write wire {wire}: {what:?}"));
+        let builder = opened.samples.publisher_builder().max_loaned_samples(1);
+        let told = termination.clone();
+        let builder = match domain.mode() {
+            Mode::Live => builder.backpressure_strategy(BackpressureStrategy::DiscardData),
+            // A full queue stops the writer, but not one that is to end: its reader may have gone.
+            Mode::Replay => builder.set_backpressure_handler(move |_: &BackpressureInfo| {
+                if told.requested() {
+                    return BackpressureAction::DiscardData;
+                }
+                BackpressureAction::Retry
+            }),
+        };
+        let publisher = builder.create().map_err(|error| failed(&error))?;
+        let bell = opened
+            .bell
+            .notifier_builder()
+            .default_event_id(ring())
+            .create()
+            .map_err(|error| failed(&error))?;
+        Ok(Self {
+            publisher,
+            bell,
+            journal: opened.journal,
+            wire: wire.into(),
+        })
     }
 
-    fn ring(&self) -> Result<(), Error> {
+    fn newest(&self) -> Option<Header> {
+        self.journal.as_ref()?.newest()
+    }
+
+    /// Sends what a predecessor died over: it is in the journal, and perhaps on the wire.
+    fn send_unsent(&self) -> Result<(), Error> {
+        let Some(journal) = &self.journal else { return Ok(()) };
+        for sample in journal.unsent().filter_map(|number| journal.read::<T>(number)) {
+            self.hand_over(|place| {
+                place.as_mut_bytes().copy_from_slice(sample.as_bytes());
+                Ok(())
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Publishes what `fill` writes. The order is what makes a sample neither lost nor doubled: see [`crate::journal`].
+    fn publish(&self, fill: impl FnOnce(&mut T) -> Result<(), Error>) -> Result<(), Error> {
+        self.hand_over(|sample| {
+            fill(sample)?;
+            self.journal.iter().for_each(|journal| journal.append(sample));
+            Ok(())
+        })
+    }
+
+    fn hand_over(&self, fill: impl FnOnce(&mut T) -> Result<(), Error>) -> Result<(), Error> {
+        let mut loan = self.publisher.loan_uninit().map_err(|error| self.failed(&error))?;
+        let bytes: *mut T = loan.payload_mut().as_mut_ptr();
+        // SAFETY: the payload is memory of a mapped file: it is initialised (zeros at first, then what was sent before), and
+        // any bytes are a valid `T` (zerocopy::FromBytes). The loan is exclusive, aligned and as long as `T`.
+        #[allow(unsafe_code)]
+        fill(unsafe { &mut *bytes })?;
+        // SAFETY: as above: the payload is a valid `T`.
+        #[allow(unsafe_code)]
+        let loan = unsafe { loan.assume_init() };
+        loan.send().map_err(|error| self.failed(&error))?;
+        self.journal.iter().for_each(Journal::note_sent);
         self.bell.notify().map(|_| ()).map_err(|error| self.failed(&error))
     }
 

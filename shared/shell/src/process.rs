@@ -2,6 +2,8 @@
 
 use std::os::unix::process::CommandExt;
 use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// Makes the child die with this process, however that ends, and gives it a process group of its own.
 ///
@@ -23,6 +25,15 @@ pub fn bind_to_parent(command: &mut Command) {
     unsafe {
         command.pre_exec(before_exec);
     }
+}
+
+/// Lets the end of a child end this process's sleep: what is to be done about it is done at once.
+///
+/// # Errors
+/// The system refuses to take a handler.
+pub fn wake_when_children_end() -> std::io::Result<()> {
+    let nobody_looks = Arc::new(AtomicBool::new(false));
+    signal_hook::flag::register(signal_hook::consts::SIGCHLD, nobody_looks).map(|_| ())
 }
 
 /// Keeps every descriptor that is open now, but for standard input, output and error, from being inherited.

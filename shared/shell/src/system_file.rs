@@ -59,6 +59,10 @@ pub struct ServiceTable {
     /// Port → wire, for what the service writes.
     #[serde(default)]
     pub outputs: BTreeMap<String, Spanned<String>>,
+    /// Port → wire on which this service goes on when its turn comes, in the place of another: `outputs` are then for its
+    /// rehearsal. The launcher writes it into the file of a swap.
+    #[serde(default)]
+    pub takes_over: BTreeMap<String, Spanned<String>>,
     /// When the service is started again after it has ended.
     #[serde(default)]
     pub restart: Restart,

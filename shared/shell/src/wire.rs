@@ -3,6 +3,7 @@
 //! The launcher creates the wires and holds them; services only open them, and insist on the layout's fingerprint.
 //! (A process that is killed while it creates a service would leave it unusable for good.)
 
+use crate::journal::Journal;
 use crate::{Error, Mode, Output, SystemFile, Tap, Termination};
 use iceoryx2::node::{Node, NodeState, NodeView};
 use iceoryx2::prelude::{AttributeSpecifier, AttributeVerifier, Config, EventId, NodeBuilder, NodeName};
@@ -17,6 +18,8 @@ use std::path::PathBuf;
 
 /// The event that a writer rings after each sample.
 pub(crate) const RING: usize = 0;
+/// Frames that the camera keeps for a stage that comes back: a second and a half at 30 Hz, a quarter of one at 200 Hz.
+const FRAMES_KEPT: usize = 48;
 /// Readers of a wire at the most.
 const READERS_MAX: usize = 8;
 /// Writers of a wire at the most: one at a time, and those that have died without the launcher having noticed yet.
@@ -119,6 +122,7 @@ type BellService = event::PortFactory<ipc::Service>;
 pub(crate) struct Wire<T: Message> {
     pub(crate) samples: SampleService<T>,
     pub(crate) bell: BellService,
+    pub(crate) journal: Option<Journal>,
 }
 
 /// This process's place in a system's shared memory.
@@ -143,7 +147,11 @@ impl Domain {
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<ipc::Service>()
-            .map_err(|error| failed(format!("{error:?}; does another user run a system of this name?")))?;
+            .map_err(|error| {
+                failed(format!(
+                    "{error:?}; does another user run a system of this name, or is /dev/shm full?"
+                ))
+            })?;
         Ok(Self {
             node,
             mode: system.system.mode,
@@ -199,8 +207,8 @@ impl Domain {
     ///
     /// # Errors
     /// The wire is not there, or its samples have another layout.
-    pub fn output<T: Message>(&self, wire: &str, termination: Termination) -> Result<Output<T>, Error> {
-        Output::open(self, wire, 1, None, termination)
+    pub fn output<T: Message>(&self, wire: &str, termination: &Termination) -> Result<Output<T>, Error> {
+        Output::open(self, wire, None, 1, termination)
     }
 
     pub(crate) fn mode(&self) -> Mode {
@@ -219,13 +227,15 @@ impl Domain {
     /// A wire of this name is there already, or there is no space.
     pub fn create(&self, wire: &str, port: Port) -> Result<HeldWire, Error> {
         match port {
-            Port::Frames => self.create_as::<Frame>(wire, 4),
-            Port::Wheel => self.create_as::<Wheel>(wire, 512),
-            Port::Vibration => self.create_as::<Vibration>(wire, 32),
-            Port::Sinkage => self.create_as::<Sinkage>(wire, 256),
-            Port::Soil => self.create_as::<Soil>(wire, 64),
-            Port::Class => self.create_as::<TerrainClass>(wire, 64),
-            Port::Terrain => self.create_as::<Terrain>(wire, 256),
+            // Too large to be written twice: the camera itself keeps its last frames.
+            Port::Frames if self.mode == Mode::Live => self.create_as::<Frame>(wire, FRAMES_KEPT, FRAMES_KEPT, 0),
+            Port::Frames => self.create_as::<Frame>(wire, 4, 0, 0),
+            Port::Wheel => self.create_as::<Wheel>(wire, 512, 0, 1024),
+            Port::Vibration => self.create_as::<Vibration>(wire, 32, 0, 64),
+            Port::Sinkage => self.create_as::<Sinkage>(wire, 256, 0, 512),
+            Port::Soil => self.create_as::<Soil>(wire, 64, 0, 512),
+            Port::Class => self.create_as::<TerrainClass>(wire, 64, 0, 64),
+            Port::Terrain => self.create_as::<Terrain>(wire, 256, 0, 512),
         }
     }
 
@@ -234,10 +244,17 @@ impl Domain {
     /// # Errors
     /// As [`Domain::create`].
     pub fn create_supervision(&self) -> Result<HeldWire, Error> {
-        self.create_as::<Supervision>(SUPERVISION_WIRE, 2)
+        self.create_as::<Supervision>(SUPERVISION_WIRE, 2, 0, 0)
     }
 
-    fn create_as<T: Message>(&self, wire: &str, buffer: usize) -> Result<HeldWire, Error> {
+    /// `buffer` samples wait for a slow reader, `history` are kept by the writer for late ones, `journal` outlive the writer.
+    fn create_as<T: Message>(
+        &self,
+        wire: &str,
+        buffer: usize,
+        history: usize,
+        journal: usize,
+    ) -> Result<HeldWire, Error> {
         let failed = |what: &dyn std::fmt::Debug| Error::unavailable(format!("cannot create wire {wire}: {what:?}"));
         let name: ServiceName = wire.try_into().map_err(|error| failed(&error))?;
         let mut layout = AttributeSpecifier::new();
@@ -257,7 +274,7 @@ impl Domain {
             .max_nodes(NODES_MAX)
             .subscriber_max_buffer_size(buffer)
             .subscriber_max_borrowed_samples(BORROWED_MAX)
-            .history_size(0)
+            .history_size(history)
             .enable_safe_overflow(self.mode == Mode::Live)
             .create_with_attributes(&layout)
             .map_err(|error| failed(&error))?;
@@ -271,7 +288,11 @@ impl Domain {
             .event_id_max_value(RING + 1)
             .create()
             .map_err(|error| failed(&error))?;
-        Ok(HeldWire(Box::new(Wire { samples, bell })))
+        // A replay neither restarts nor swaps.
+        let journal = (journal > 0 && self.mode == Mode::Live)
+            .then(|| Journal::create(&Journal::path(&self.root, wire), size_of::<T>(), journal))
+            .transpose()?;
+        Ok(HeldWire(Box::new(Wire { samples, bell, journal })))
     }
 
     /// Opens a wire that the launcher holds.
@@ -314,7 +335,8 @@ impl Domain {
             .event()
             .open()
             .map_err(|error| failed(&error))?;
-        Ok(Wire { samples, bell })
+        let journal = Journal::open::<T>(&Journal::path(&self.root, wire))?;
+        Ok(Wire { samples, bell, journal })
     }
 
     fn fingerprint_of(&self, wire: &ServiceName) -> Option<String> {
@@ -345,13 +367,24 @@ pub enum Role {
 }
 
 /// A wire that stays for as long as this value does.
-pub struct HeldWire(Box<dyn Peers>);
+pub struct HeldWire(Box<dyn Held>);
 
 impl HeldWire {
     /// The processes that have the wire open.
     #[must_use]
     pub fn peers(&self) -> Vec<(Role, u32)> {
         self.0.peers()
+    }
+
+    /// Lets the writer of `generation` write from `sequence` on, and those before it no longer. False where the wire keeps no
+    /// journal: its writer cannot be swapped.
+    #[must_use]
+    pub fn give_turn(&self, generation: u32, sequence: u64) -> bool {
+        let journal = self.0.journal();
+        journal
+            .iter()
+            .for_each(|journal| journal.give_turn(generation, sequence));
+        journal.is_some()
     }
 }
 
@@ -378,11 +411,16 @@ impl<T: Message> Drain for Tap<T> {
     }
 }
 
-trait Peers {
+trait Held {
     fn peers(&self) -> Vec<(Role, u32)>;
+    fn journal(&self) -> Option<&Journal>;
 }
 
-impl<T: Message> Peers for Wire<T> {
+impl<T: Message> Held for Wire<T> {
+    fn journal(&self) -> Option<&Journal> {
+        self.journal.as_ref()
+    }
+
     fn peers(&self) -> Vec<(Role, u32)> {
         let mut peers = Vec::new();
         let mut add = |role, node: &iceoryx2::identifiers::UniqueNodeId| {
