@@ -12,7 +12,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 
 /// The service's name in the system file.
 const SERVICE: &str = "candidate";
-/// Wires that carry something else than their ports say.
+/// Wires that have another layout than their ports.
 const ODD: &str = "odd/";
 /// Between two looks at a process [ns].
 const LOOK_NS: u64 = 2_000_000;
@@ -86,13 +86,8 @@ impl Stand {
         {
             wires.push((wire(port), role, domain.create(&wire(port), port)?));
         }
-        // Another message under the name of the trigger, and of the answer.
-        let other = if stage.answers() == Port::Class {
-            Port::Wheel
-        } else {
-            Port::Class
-        };
-        let odd = [stage.trigger(), stage.answers()].map(|port| domain.create(&format!("{ODD}{}", wire(port)), other));
+        let odd =
+            [stage.trigger(), stage.answers()].map(|port| domain.create_odd(&format!("{ODD}{}", wire(port)), port));
         let odd: Result<Vec<HeldWire>, Error> = odd.into_iter().collect();
         Ok(Self {
             stage,
