@@ -40,7 +40,7 @@ def main(fault, system_file, name):
         print(failure, file=sys.stderr)
         return failure.code
     broken, hoard = Broken(fault, shell, output), []
-    if output.answered is not None and fault != "forgets":
+    if output.answered is not None:
         reader.resume_after(output.answered)
     while not shell.stopping or fault == "deaf":
         frame = reader.next()
