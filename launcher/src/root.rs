@@ -11,6 +11,9 @@ const NAME: &str = "terrasense-";
 /// How long to wait for the processes of a killed launcher to be gone [ns].
 const VACATE_MAX_NS: u64 = 2_000_000_000;
 
+/// Time after which what has no length yet will not get one [ns].
+const UNBORN_NS: u64 = 2_000_000;
+
 /// The right to run a system of this name, and its folder. Dropping it leaves nothing behind.
 #[derive(Debug)]
 pub struct Root {
@@ -74,6 +77,32 @@ impl Root {
             .and_then(|()| std::fs::rename(&new, &path))
             .map_err(failed)?;
         Ok(path.display().to_string())
+    }
+
+    /// Removes what a process has begun and not finished when it was killed: shared memory without a length or not yet
+    /// readable. iceoryx2 0.10 waits for the end of such a beginning, without an end where it has no length.
+    pub fn sweep(&self) {
+        let unborn = || -> Vec<(PathBuf, u64)> {
+            let ours = own_entries().into_iter().filter(|path| {
+                let name = path.file_name().and_then(|file| file.to_str());
+                name.is_some_and(|name| name.starts_with(&self.prefix))
+            });
+            ours.filter_map(|path| {
+                let about = std::fs::symlink_metadata(&path).ok()?;
+                let is_unborn = about.is_file() && (about.len() == 0 || about.mode() & 0o400 == 0);
+                is_unborn.then_some((path, about.ino()))
+            })
+            .collect()
+        };
+        let before = unborn();
+        if before.is_empty() {
+            return;
+        }
+        // Who lives and has just begun goes on within microseconds.
+        sleep_until(now_ns() + UNBORN_NS);
+        for (path, _) in unborn().into_iter().filter(|file| before.contains(file)) {
+            let _ = std::fs::remove_file(path);
+        }
     }
 
     /// Copies a file of the folder, if it is there.
@@ -262,5 +291,29 @@ fn wipe(folder: &Path, prefix: &str) {
         {
             let _ = std::fs::remove_file(path);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_killed_process_has_only_begun_is_swept_away() {
+        let name = format!("sweep{}", std::process::id());
+        let system = SystemFile::parse("test", &format!("[system]\nname = \"{name}\"\n")).unwrap();
+        let root = Root::take(&system).unwrap();
+        let file = |end: &str| PathBuf::from(format!("/dev/shm/{}{end}", system.prefix()));
+        std::fs::write(file("a.connection"), "").unwrap();
+        std::fs::write(file("b.data"), "begun").unwrap();
+        std::fs::set_permissions(file("b.data"), std::fs::Permissions::from_mode(0o200)).unwrap();
+        std::fs::write(file("c.data"), "whole").unwrap();
+        root.sweep();
+        assert_eq!(
+            [file("a.connection"), file("b.data"), file("c.data")].map(|path| path.exists()),
+            [false, false, true]
+        );
+        drop(root);
+        assert!(!file("c.data").exists());
     }
 }

@@ -476,6 +476,7 @@ impl Supervisor {
 
     fn on_end(&mut self, name: &str, ending: Ending) -> Result<(), Error> {
         // The others must find no port of the dead when the service is back.
+        self.root.sweep();
         let _ = self.domain.clean();
         let service = self.service(name);
         service.process = None;

@@ -429,6 +429,7 @@ impl Supervisor {
             self.leaving.push((process, kill_at_ns));
         }
         if gone {
+            self.root.sweep();
             let _ = self.domain.clean();
         }
         Ok(())
