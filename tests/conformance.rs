@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 /// A fault of `peers/broken.py`, and the rule that it breaks.
-const FAULTS: [(&str, &str); 20] = [
+const FAULTS: [(&str, &str); 21] = [
     ("late", "start"),
     ("two_answers", "one_answer"),
     ("skips", "one_answer"),
@@ -25,6 +25,7 @@ const FAULTS: [(&str, &str); 20] = [
     ("deaf", "sigterm"),
     ("wrong_code", "sigterm"),
     ("any_layout", "layout"),
+    ("ignores_layout", "layout"),
     ("any_name", "unknown_name"),
     ("any_key", "unknown_key"),
 ];

@@ -126,6 +126,68 @@ fn another_user_can_do_nothing_with_a_running_system_and_no_network_reaches_it()
     assert_eq!(rover.down(), Some(0), "{}", rover.log());
 }
 
+/// A user of the machine who is neither root nor the stranger.
+const USER: u32 = 65_533;
+
+/// What `up` says, run by an ordinary user, of what a stranger has prepared at a path of the system's.
+fn prepared_by_a_stranger(prepare: &str, path: &str) -> (Option<i32>, String) {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::set_permissions(folder.path(), std::fs::Permissions::from_mode(0o755)).unwrap();
+    let name = format!("p{}", std::process::id());
+    let text =
+        format!("[system]\nname = \"{name}\"\n[service.camera]\nexec = [\"sleep\"]\noutputs = {{ frames = \"f\" }}\n");
+    let (copy, system) = (folder.path().join("terrasense"), folder.path().join("rover.toml"));
+    std::fs::copy(program("terrasense"), &copy).unwrap();
+    std::fs::write(&system, text).unwrap();
+    let home = folder.path().join("home");
+    std::fs::create_dir(&home).unwrap();
+    std::os::unix::fs::chown(&home, Some(USER), None).unwrap();
+    let path = format!("/dev/shm/terrasense-{name}{path}");
+    let stranger = Command::new("/bin/sh")
+        .args(["-c", prepare, "sh", &path])
+        .arg(&home)
+        .uid(STRANGER)
+        .gid(STRANGER)
+        .status();
+    assert!(stranger.unwrap().success());
+    let output = Command::new(copy)
+        .arg("up")
+        .arg(system)
+        .uid(USER)
+        .gid(USER)
+        .output()
+        .unwrap();
+    let _ = std::fs::remove_file(&path);
+    let _ = std::fs::remove_dir_all(&path);
+    assert_eq!(
+        std::fs::read_dir(&home).unwrap().count(),
+        0,
+        "something was written into the user's own folder"
+    );
+    (
+        output.status.code(),
+        String::from_utf8_lossy(&output.stderr).into_owned(),
+    )
+}
+
+#[test]
+fn what_a_stranger_has_prepared_under_the_systems_name_is_not_touched() {
+    if !rustix::process::geteuid().is_root() {
+        eprintln!("not root: nobody can be another user");
+        return;
+    }
+    for (prepare, path) in [
+        ("ln -s \"$2\" \"$1\"", ""),
+        ("mkdir -m 777 \"$1\"", ""),
+        ("ln -s \"$2/lock\" \"$1\"", ".lock"),
+        (": > \"$1\" && chmod 666 \"$1\"", ".lock"),
+    ] {
+        let (code, text) = prepared_by_a_stranger(prepare, path);
+        assert_eq!(code, Some(69), "{prepare}: {text}");
+        assert!(text.contains(": another user has made it; "), "{prepare}: {text}");
+    }
+}
+
 #[test]
 fn another_user_can_do_nothing_with_a_replay() {
     let traverse = Traverse::with_pictures(4);

@@ -10,17 +10,17 @@ struct Arguments {
     #[command(flatten)]
     options: Options,
     /// Faults at each rate.
-    #[arg(long, default_value_t = 1000)]
+    #[arg(long, default_value_t = 100)]
     faults: usize,
     /// Frames per second; may be given more than once.
-    #[arg(long, default_values_t = [30, 200])]
+    #[arg(long, default_values_t = [30])]
     rate_hz: Vec<u32>,
     /// Decides what happens to whom and when.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Nothing but kill -9.
-    #[arg(long)]
-    kills_only: bool,
+    /// Nothing but this fault; may be given more than once.
+    #[arg(long, value_enum)]
+    only: Vec<Fault>,
 }
 
 fn main() -> Outcome<()> {
@@ -34,10 +34,9 @@ fn main() -> Outcome<()> {
             seed: arguments.seed,
             faults,
             rate_hz: *rate_hz,
-            kinds: if arguments.kills_only {
-                vec![Fault::Kill]
-            } else {
-                Fault::ALL.to_vec()
+            kinds: match arguments.only.as_slice() {
+                [] => Fault::ALL.to_vec(),
+                only => only.to_vec(),
             },
         };
         let verdict = run(&plan, &termination, |number| {

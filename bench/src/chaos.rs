@@ -24,11 +24,14 @@ const YOUNG_NS: u64 = 50 * MS_NS;
 /// A cycle that took longer from frame to terrain is late [ns].
 const LATE_NS: u64 = 50 * MS_NS;
 
+/// Lines of the log that an error shows.
+const LOG_LINES: usize = 30;
+
 /// The stages that faults happen to.
 pub const STAGES: [&str; 4] = ["sinkage", "terramechanics", "vibration", "terrain"];
 
 /// What happens to a stage.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
 pub enum Fault {
     /// kill -9.
     Kill,
@@ -123,7 +126,7 @@ struct Seen {
 
 /// The system that the faults happen to, and who looks at it.
 struct Rover {
-    _folder: TempDir,
+    folder: TempDir,
     programs: PathBuf,
     name: String,
     launcher: Child,
@@ -187,7 +190,7 @@ impl Rover {
             .stderr(std::fs::File::create(folder.path().join("log"))?)
             .spawn()?;
         let mut rover = Self {
-            _folder: folder,
+            folder,
             programs: plan.programs.clone(),
             name,
             launcher,
@@ -288,10 +291,17 @@ impl Rover {
                 return Ok(pid);
             }
             if now_ns() > last_ns {
-                return Err(format!("{stage} does not come back").into());
+                return Err(format!("{stage} does not come back:\n{}", self.log()).into());
             }
             self.look_for(MS_NS)?;
         }
+    }
+
+    /// The end of what the launcher and its services have said.
+    fn log(&self) -> String {
+        let text = std::fs::read_to_string(self.folder.path().join("log")).unwrap_or_default();
+        let lines: Vec<&str> = text.lines().collect();
+        lines[lines.len().saturating_sub(LOG_LINES)..].join("\n")
     }
 
     /// The youngest child of the launcher that runs a stage.

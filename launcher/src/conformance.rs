@@ -181,6 +181,11 @@ fn print_table(findings: &[Finding], evidence: &Evidence) {
             "\nlatency, from the trigger to the answer: {p50_us:.0} µs (median), {p99_us:.0} µs (99 %); not judged"
         );
     }
+    let statuses = evidence.statuses();
+    let statuses: Vec<String> = statuses.iter().map(|(word, count)| format!("{count} {word}")).collect();
+    if !statuses.is_empty() {
+        println!("statuses of the answers: {}; not judged", statuses.join(", "));
+    }
     match failed {
         0 => println!("all {} rules hold", findings.len()),
         _ => println!(
@@ -211,6 +216,7 @@ fn as_json(arguments: &ConformanceArguments, findings: &[Finding], evidence: &Ev
         "program": arguments.program,
         "conforms": findings.iter().all(|finding| finding.holds),
         "rules": rules,
+        "statuses": evidence.statuses(),
         "latency_p50_us": p50_us,
         "latency_p99_us": p99_us,
     }))

@@ -45,7 +45,7 @@ impl Root {
             started_ns: now_ns(),
             _lock: lock,
         };
-        if root.folder.exists() {
+        if is_own_folder(&root.folder)? {
             root.vacated(system)?;
         }
         wipe(&root.folder, &root.prefix);
@@ -53,6 +53,7 @@ impl Root {
         match std::fs::DirBuilder::new().mode(0o700).create(&root.folder) {
             // Somebody who asks for the status has been faster.
             Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {
+                is_own_folder(&root.folder)?;
                 std::fs::set_permissions(&root.folder, std::fs::Permissions::from_mode(0o700)).map_err(failed)?;
             }
             made => made.map_err(failed)?,
@@ -179,21 +180,49 @@ pub fn clean(name: &str) -> Result<bool, Error> {
     Ok(true)
 }
 
+/// True for a folder of this user, false where there is none. Everybody may make entries in `/dev/shm`: what is anything else,
+/// a link above all, is not followed.
+fn is_own_folder(path: &Path) -> Result<bool, Error> {
+    match std::fs::symlink_metadata(path) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(false),
+        Ok(about) if about.is_dir() && is_own(&about) => Ok(true),
+        _ => Err(not_own(path)),
+    }
+}
+
+fn is_own(about: &std::fs::Metadata) -> bool {
+    about.uid() == rustix::process::geteuid().as_raw()
+}
+
+fn not_own(path: &Path) -> Error {
+    Error::unavailable(format!(
+        "{}: another user has made it; have it removed, or give the system another name: [system] name = \"…\"",
+        path.display()
+    ))
+}
+
 fn lock_path(name: &str) -> PathBuf {
     Path::new(SHARED_MEMORY).join(format!("{NAME}{name}.lock"))
 }
 
 /// The lock, `None` where another process holds it.
 fn try_lock(path: &Path) -> Result<Option<File>, Error> {
-    let failed = |error: std::io::Error| Error::unavailable(format!("{}: {error}", path.display()));
+    let failed = |error: std::io::Error| match std::fs::symlink_metadata(path) {
+        Ok(about) if !is_own(&about) => not_own(path),
+        _ => Error::unavailable(format!("{}: {error}", path.display())),
+    };
     loop {
         let file = std::fs::OpenOptions::new()
             .create(true)
             .truncate(false)
             .write(true)
             .mode(0o600)
+            .custom_flags(rustix::fs::OFlags::NOFOLLOW.bits().cast_signed())
             .open(path)
             .map_err(failed)?;
+        if !file.metadata().is_ok_and(|about| is_own(&about)) {
+            return Err(not_own(path));
+        }
         if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
             return Ok(None);
         }
@@ -206,11 +235,10 @@ fn try_lock(path: &Path) -> Result<Option<File>, Error> {
 }
 
 fn own_entries() -> Vec<PathBuf> {
-    let uid = rustix::process::geteuid().as_raw();
     let entries = std::fs::read_dir(SHARED_MEMORY).into_iter().flatten();
     entries
         .filter_map(Result::ok)
-        .filter(|entry| entry.metadata().is_ok_and(|about| about.uid() == uid))
+        .filter(|entry| entry.metadata().is_ok_and(|about| is_own(&about)))
         .map(|entry| entry.path())
         .collect()
 }

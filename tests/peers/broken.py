@@ -8,9 +8,10 @@ import time
 import tomllib
 from pathlib import Path
 
+import iceoryx2
 from sinkage import is_believable
 from terrasense_messages import Frame, Sinkage, Status
-from terrasense_shell import EXIT_CONFIG, Failure, Shell
+from terrasense_shell import EXIT_CONFIG, Failure, Journal, Shell
 
 SINGLES, GOOD = 60, 120  # sequences up to which triggers come one by one, and up to which all are sound
 
@@ -27,7 +28,7 @@ def main(fault, system_file, name):
         print(f"{system_file}: unknown key in {service['config']}", file=sys.stderr)
         return EXIT_CONFIG
 
-    shell = Shell(tables, name)
+    shell = (Unlooking if fault == "ignores_layout" else Shell)(tables, name)
     first = shell.generation == 1
     if fault == "late" and first:
         time.sleep(service["start_timeout_ms"] / 1000)
@@ -39,7 +40,7 @@ def main(fault, system_file, name):
         print(failure, file=sys.stderr)
         return failure.code
     broken, hoard = Broken(fault, shell, output), []
-    if output.answered is not None and fault != "forgets":
+    if output.answered is not None:
         reader.resume_after(output.answered)
     while not shell.stopping or fault == "deaf":
         frame = reader.next()
@@ -48,6 +49,16 @@ def main(fault, system_file, name):
             if fault == "leaks":
                 hoard.append(b"x" * (64 << 10))
     return 3 if fault == "wrong_code" else 0
+
+
+class Unlooking(Shell):
+    """Opens wires without a look at their layout."""
+
+    def open_wire(self, wire, message):
+        name = iceoryx2.ServiceName.new(wire)
+        samples = self.node.service_builder(name).publish_subscribe(message).open()
+        bell = self.node.service_builder(name).event().open()
+        return samples, bell, Journal.open(self.root / f"journal.{wire.replace('/', '.')}", message)
 
 
 class Broken:

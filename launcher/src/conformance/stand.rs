@@ -12,12 +12,12 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 
 /// The service's name in the system file.
 const SERVICE: &str = "candidate";
-/// Wires that carry something else than their ports say.
+/// Wires that have another layout than their ports.
 const ODD: &str = "odd/";
 /// Between two looks at a process [ns].
 const LOOK_NS: u64 = 2_000_000;
 /// A program that is late is waited for so many times as long as it may take: that it is late is all that shall be said.
-const LATE: u64 = 4;
+const LATE: u64 = 2;
 /// What a program has said is remembered up to this length.
 const SAID_BYTES_MAX: usize = 2000;
 
@@ -86,13 +86,8 @@ impl Stand {
         {
             wires.push((wire(port), role, domain.create(&wire(port), port)?));
         }
-        // Another message under the name of the trigger, and of the answer.
-        let other = if stage.answers() == Port::Class {
-            Port::Wheel
-        } else {
-            Port::Class
-        };
-        let odd = [stage.trigger(), stage.answers()].map(|port| domain.create(&format!("{ODD}{}", wire(port)), other));
+        let odd =
+            [stage.trigger(), stage.answers()].map(|port| domain.create_odd(&format!("{ODD}{}", wire(port)), port));
         let odd: Result<Vec<HeldWire>, Error> = odd.into_iter().collect();
         Ok(Self {
             stage,
@@ -128,7 +123,7 @@ impl Stand {
     /// Starts the program with something that it must refuse, and sees how it ends.
     pub fn refused(&self, what: &'static str, file: &str, service: Option<&str>) -> Result<Refusal, Error> {
         let mut candidate = self.spawn(file, service.unwrap_or(SERVICE))?;
-        let status = self.wait_for_end(&mut candidate, self.start_timeout_ms * 1_000_000)?;
+        let status = self.wait_for_end(&mut candidate, LATE * self.start_timeout_ms * 1_000_000)?;
         let said = candidate.said();
         self.kill(candidate)?;
         Ok(Refusal { what, status, said })

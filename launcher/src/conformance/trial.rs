@@ -8,6 +8,7 @@ use messages::{Header, Message, Sinkage, Status, TerrainClass, Wheel};
 use rustix::process::Signal;
 use shell::{Error, Output, Port, Tap, now_ns};
 use simulation::Rover;
+use std::collections::BTreeMap;
 use std::process::ExitStatus;
 
 /// Triggers that are sent one by one, and then so many at once.
@@ -115,6 +116,17 @@ impl Evidence {
         }
         let quantile = |share| histogram.value_at_quantile(share) as f64 / 1e3;
         (!histogram.is_empty()).then(|| (quantile(0.5), quantile(0.99)))
+    }
+
+    /// How often each status was answered to what can be believed.
+    pub fn statuses(&self) -> BTreeMap<&'static str, usize> {
+        let mut counts = BTreeMap::new();
+        for answer in self.good.answers.iter().chain(&self.long.answers) {
+            *counts
+                .entry(answer.header.status.word().unwrap_or("no known status"))
+                .or_default() += 1;
+        }
+        counts
     }
 }
 

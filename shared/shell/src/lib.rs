@@ -40,12 +40,15 @@ use clap::Parser;
 use input::Attention;
 use messages::{Header, Message, Resumable, Status};
 use serde::de::DeserializeOwned;
+use std::io::Read;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::rc::Rc;
 
 /// A stage's state is kept after every so many triggers: its successor steps through those since then again, unheard.
 const CHECKPOINT_TRIGGERS: u64 = 8;
+/// Bytes of a file that is read as a whole, at the most.
+const FILE_MAX: u64 = 256 << 20;
 /// Ticks that a source makes good at the most: a stage behind it has room for as many.
 const CATCH_UP_TICKS: u64 = 32;
 /// What the checkpoint of a process is called that is to take the place of another.
@@ -305,21 +308,38 @@ impl Shell {
     /// Reads a file that the configuration names.
     ///
     /// # Errors
-    /// Names the file that cannot be read.
+    /// Names the file that cannot be read, is no file, or is too large.
     pub fn read(&self, path: &str) -> Result<Vec<u8>, Error> {
-        std::fs::read(path).map_err(|error| Error::data(format!("{path}: {error}")))
+        let mut bytes = Vec::new();
+        let mut file = self
+            .open(path)?
+            .ok_or_else(|| Error::data(format!("{path}: No such file or directory")))?;
+        let failed = |error: std::io::Error| Error::data(format!("{path}: {error}"));
+        file.by_ref()
+            .take(FILE_MAX + 1)
+            .read_to_end(&mut bytes)
+            .map_err(failed)?;
+        if bytes.len() as u64 > FILE_MAX {
+            return Err(Error::data(format!("{path}: larger than {} MiB", FILE_MAX >> 20)));
+        }
+        Ok(bytes)
     }
 
     /// Opens a file that the configuration names, to be read piece by piece. `None` where there is no such file.
     ///
     /// # Errors
-    /// Names the file that cannot be read.
+    /// Names the file that cannot be read, or is no file: a pipe would be waited for, a device has no end.
     pub fn open(&self, path: &str) -> Result<Option<std::io::BufReader<std::fs::File>>, Error> {
-        match std::fs::File::open(path) {
-            Ok(file) => Ok(Some(std::io::BufReader::new(file))),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
-            Err(error) => Err(Error::data(format!("{path}: {error}"))),
+        let failed = |error: std::io::Error| Error::data(format!("{path}: {error}"));
+        match std::fs::metadata(path) {
+            Ok(about) if about.is_file() => {}
+            Ok(_) => return Err(Error::data(format!("{path}: is no regular file"))),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(failed(error)),
         }
+        std::fs::File::open(path)
+            .map(|file| Some(std::io::BufReader::new(file)))
+            .map_err(failed)
     }
 
     fn table(&self) -> &ServiceTable {

@@ -226,16 +226,31 @@ impl Domain {
     /// # Errors
     /// A wire of this name is there already, or there is no space.
     pub fn create(&self, wire: &str, port: Port) -> Result<HeldWire, Error> {
+        self.create_with(wire, port, |fingerprint| fingerprint)
+    }
+
+    /// Creates a wire whose samples have the port's type, size and alignment, but another layout: two fields have changed
+    /// places. Whoever opens it as the port must refuse it; that is all that it is for.
+    ///
+    /// # Errors
+    /// As [`Domain::create`].
+    pub fn create_odd(&self, wire: &str, port: Port) -> Result<HeldWire, Error> {
+        self.create_with(wire, port, |fingerprint| swapped(&fingerprint))
+    }
+
+    fn create_with(&self, wire: &str, port: Port, layout: fn(String) -> String) -> Result<HeldWire, Error> {
         match port {
             // Too large to be written twice: the camera itself keeps its last frames.
-            Port::Frames if self.mode == Mode::Live => self.create_as::<Frame>(wire, FRAMES_KEPT, FRAMES_KEPT, 0),
-            Port::Frames => self.create_as::<Frame>(wire, 4, 0, 0),
-            Port::Wheel => self.create_as::<Wheel>(wire, 512, 0, 1024),
-            Port::Vibration => self.create_as::<Vibration>(wire, 32, 0, 64),
-            Port::Sinkage => self.create_as::<Sinkage>(wire, 256, 0, 512),
-            Port::Soil => self.create_as::<Soil>(wire, 64, 0, 512),
-            Port::Class => self.create_as::<TerrainClass>(wire, 64, 0, 64),
-            Port::Terrain => self.create_as::<Terrain>(wire, 256, 0, 512),
+            Port::Frames if self.mode == Mode::Live => {
+                self.create_as::<Frame>(wire, layout, FRAMES_KEPT, FRAMES_KEPT, 0)
+            }
+            Port::Frames => self.create_as::<Frame>(wire, layout, 4, 0, 0),
+            Port::Wheel => self.create_as::<Wheel>(wire, layout, 512, 0, 1024),
+            Port::Vibration => self.create_as::<Vibration>(wire, layout, 32, 0, 64),
+            Port::Sinkage => self.create_as::<Sinkage>(wire, layout, 256, 0, 512),
+            Port::Soil => self.create_as::<Soil>(wire, layout, 64, 0, 512),
+            Port::Class => self.create_as::<TerrainClass>(wire, layout, 64, 0, 64),
+            Port::Terrain => self.create_as::<Terrain>(wire, layout, 256, 0, 512),
         }
     }
 
@@ -244,13 +259,14 @@ impl Domain {
     /// # Errors
     /// As [`Domain::create`].
     pub fn create_supervision(&self) -> Result<HeldWire, Error> {
-        self.create_as::<Supervision>(SUPERVISION_WIRE, 2, 0, 0)
+        self.create_as::<Supervision>(SUPERVISION_WIRE, |fingerprint| fingerprint, 2, 0, 0)
     }
 
     /// `buffer` samples wait for a slow reader, `history` are kept by the writer for late ones, `journal` outlive the writer.
     fn create_as<T: Message>(
         &self,
         wire: &str,
+        layout_of: fn(String) -> String,
         buffer: usize,
         history: usize,
         journal: usize,
@@ -258,7 +274,7 @@ impl Domain {
         let failed = |what: &dyn std::fmt::Debug| Error::unavailable(format!("cannot create wire {wire}: {what:?}"));
         let name: ServiceName = wire.try_into().map_err(|error| failed(&error))?;
         let mut layout = AttributeSpecifier::new();
-        for (index, piece) in pieces(&T::fingerprint()).enumerate() {
+        for (index, piece) in pieces(&layout_of(T::fingerprint())).enumerate() {
             let key = format!("layout.{index}");
             let key = key.as_str().try_into().map_err(|error| failed(&error))?;
             layout = layout
@@ -467,6 +483,18 @@ fn iceoryx2_config(system: &SystemFile) -> Result<Config, Error> {
     config.global.node.cleanup_dead_nodes_on_destruction = false;
     config.global.service.cleanup_dead_nodes_on_open = false;
     Ok(config)
+}
+
+/// The fingerprint in which the names of the last two fields have changed places.
+fn swapped(fingerprint: &str) -> String {
+    let mut words: Vec<String> = fingerprint.split(' ').map(str::to_owned).collect();
+    if let [.., first, second] = words.as_mut_slice()
+        && let (Some((a, first_type)), Some((b, second_type))) =
+            (first.clone().split_once(':'), second.clone().split_once(':'))
+    {
+        (*first, *second) = (format!("{b}:{first_type}"), format!("{a}:{second_type}"));
+    }
+    words.join(" ")
 }
 
 fn pieces(fingerprint: &str) -> impl Iterator<Item = &str> {
