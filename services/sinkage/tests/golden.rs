@@ -78,10 +78,10 @@ fn summary(errors: &[(f64, f64, Sinkage)]) -> (f64, f64) {
 #[test]
 fn every_condition_is_measured_to_one_percent_of_the_radius_and_hard_shadows_to_three() {
     for (name, bound) in [
-        ("c1_a", 0.007),
+        ("c1_a", 0.006),
         ("c2_a", 0.006),
         ("c3_a", 0.009),
-        ("c4_a", 0.012),
+        ("c4_a", 0.010),
         ("c5_a", 0.030),
         ("c6_a", 0.011),
     ] {
@@ -89,9 +89,11 @@ fn every_condition_is_measured_to_one_percent_of_the_radius_and_hard_shadows_to_
         let (rms, largest) = summary(&errors);
         println!("{name}: rms {rms:.4}, largest {largest:.4}");
         assert!(rms < bound, "{name}: rms {rms}, largest {largest}");
-        for (error, sigma, answer) in errors {
-            let hard = ["c4_a", "c5_a"].contains(&name);
-            assert!(answer.header.status == Status::OK || hard, "{name}");
+        let answered = errors
+            .iter()
+            .filter(|(_, _, answer)| answer.header.status == Status::OK);
+        assert!(4 * answered.count() >= 3 * errors.len(), "{name}: too few are answered");
+        for (error, sigma, _) in errors {
             assert!(
                 error.abs() < 4.0 * sigma,
                 "{name}: {error} is more than four times {sigma}"
@@ -188,7 +190,7 @@ fn perspective() -> [f64; 9] {
 fn a_drawn_wheel_is_measured_to_one_row() {
     let mut tracker = SinkageTracker::new(Config::default());
     for homography in [face_on(), perspective()] {
-        for (left_rad, right_rad) in [(0.3, 0.6), (0.45, 0.35), (0.9, 0.8), (0.5, 0.5), (0.25, 1.0)] {
+        for (left_rad, right_rad) in [(0.3, 0.6), (0.45, 0.35), (0.9, 1.1), (0.5, 0.5), (0.25, 1.0)] {
             let answer = tracker.step(&draw(homography, POSE, left_rad, right_rad));
             assert_eq!(answer.header.status, Status::OK, "{left_rad} {right_rad}: {answer:?}");
             for (found, truth) in [(answer.left_rad, left_rad), (answer.right_rad, right_rad)] {

@@ -6,11 +6,6 @@ use super::{Condition, Vector, norm};
 use crate::noise::{Dice, fractal, value_noise};
 use std::f64::consts::TAU;
 
-/// Light of the sky on the wheel's face, as a share of that on level ground.
-const SIDEWAYS: f64 = 0.75;
-/// Log ratio of two brightnesses that are hard to tell apart.
-const ALIKE: f64 = 0.12;
-
 #[derive(Clone, Debug)]
 pub(super) struct Face {
     /// Inner radius of the rim, in outer radii.
@@ -34,19 +29,11 @@ pub(super) struct Face {
 }
 
 impl Face {
-    pub(super) fn new(condition: Condition, soil_albedo: f64, dice: &mut Dice) -> Self {
-        let any = match condition {
+    pub(super) fn new(condition: Condition, dice: &mut Dice) -> Self {
+        let albedo = match condition {
             Condition::Bentonite => dice.range(0.4, 0.9),
             Condition::Strobe => dice.range(0.35, 0.9),
             _ => dice.range(0.15, 0.9),
-        };
-        // Few wheels are of their soil's brightness.
-        let brighter = (SIDEWAYS * any / soil_albedo).ln();
-        let albedo = if brighter.abs() < ALIKE && dice.chance(0.85) {
-            let apart = dice.range(ALIKE, 4.0 * ALIKE);
-            (soil_albedo / SIDEWAYS * (brighter.signum() * apart).exp()).clamp(0.1, 0.95)
-        } else {
-            any
         };
         let inner = if dice.chance(0.6) {
             dice.range(0.78, 0.87)

@@ -7,7 +7,7 @@ use crate::noise::{Dice, fractal, value_noise};
 const CELL: f64 = 0.008;
 const X: (f64, f64) = (-1.7, 1.7);
 /// From the camera's side to behind the wheel, whose face is at 0.
-pub(super) const Y: (f64, f64) = (-3.0, 0.8);
+pub(super) const Y: (f64, f64) = (-4.6, 0.8);
 const COLUMNS: usize = ((X.1 - X.0) / CELL) as usize + 2;
 const ROWS: usize = ((Y.1 - Y.0) / CELL) as usize + 2;
 
@@ -26,7 +26,7 @@ pub(super) struct Terrain {
     rut: f64,
     fine: f64,
     fine_scale: f64,
-    pub(super) albedo: f64,
+    albedo: f64,
     grain: f64,
     grain_scale: f64,
     cracks: f64,
@@ -40,7 +40,7 @@ impl Terrain {
     pub(super) fn new(condition: Condition, dice: &mut Dice) -> Self {
         let base = 0.03 + 0.25 * dice.unit().powf(1.2);
         let (slope, undulation) = match condition {
-            Condition::Uneven => (dice.sym(0.22), dice.range(0.01, 0.05)),
+            Condition::Uneven => (dice.sym(0.28), dice.range(0.01, 0.07)),
             Condition::Gravel => (dice.sym(0.06), dice.range(0.0, 0.03)),
             Condition::Flat => (dice.sym(0.03), dice.range(0.0, 0.012)),
             Condition::Bentonite => (dice.sym(0.07), dice.range(0.0, 0.03)),
@@ -99,7 +99,7 @@ impl Terrain {
             } else {
                 0.0
             },
-            stones: if stony { dice.range(2800.0, 11200.0) as usize } else { 0 },
+            stones: if stony { dice.range(4000.0, 16000.0) as usize } else { 0 },
             stone_size: dice.range(0.012, 0.035),
             stone_contrast: dice.range(0.15, 0.5),
             rocks: rocks as usize,

@@ -54,7 +54,7 @@ impl Light {
             matches!(condition, Condition::Uneven | Condition::Bentonite | Condition::Gravel) && dice.chance(0.75);
         let azimuth = dice.range(0.0, TAU);
         let elevation = if sun {
-            dice.range(0.25, 0.8)
+            dice.range(0.2, 0.75)
         } else {
             dice.range(0.35, 1.1)
         };
@@ -67,7 +67,7 @@ impl Light {
             _ if hazy => (dice.range(0.3, 0.8), dice.range(0.4, 0.8), 0.0),
             _ => (0.0, dice.range(0.7, 1.0), 0.0),
         };
-        let shaded = if sun { 0.55 } else { 0.35 };
+        let shaded = if sun { 0.7 } else { 0.5 };
         let body = (sun_power + flash > 0.0 && dice.chance(shaded)).then(|| {
             let turn = dice.range(0.0, PI);
             ([turn.cos(), turn.sin()], dice.sym(1.4), dice.range(0.3, 2.5))

@@ -75,11 +75,10 @@ impl Clip {
     #[must_use]
     pub fn new(condition: Condition, seed: u64) -> Self {
         let mut dice = Dice::new(seed ^ (condition as u64) << 56);
-        let terrain = Terrain::new(condition, &mut dice);
         Self {
             seed,
-            face: Face::new(condition, terrain.albedo, &mut dice),
-            terrain,
+            terrain: Terrain::new(condition, &mut dice),
+            face: Face::new(condition, &mut dice),
             light: Light::new(condition, &mut dice),
             camera: Camera::new(condition, &mut dice),
             speed: dice.range(0.0, 0.4),
@@ -191,7 +190,7 @@ struct Camera {
 impl Camera {
     fn new(condition: Condition, dice: &mut Dice) -> Self {
         let wheel_px = match dice.unit() {
-            part if part < 0.75 => dice.range(140.0, 190.0),
+            part if part < 0.6 => dice.range(140.0, 180.0),
             _ => 60.0 * (dice.unit() * (400.0_f64 / 60.0).ln()).exp(),
         };
         let distance = dice.range(5.0, 12.0);
