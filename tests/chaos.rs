@@ -19,7 +19,7 @@ fn no_fault_of_a_stage_costs_a_cycle() {
     let (table, total) = (verdict.table(), verdict.total());
     println!("{table}");
     assert!(total.expected > 200, "{table}");
-    assert_eq!((total.lost(), total.doubled, total.jumps), (0, 0, 0), "{table}");
+    assert_eq!((total.lost(), total.doubled, total.started_over), (0, 0, 0), "{table}");
     assert_eq!((verdict.left, verdict.code), ([0, 0], Some(0)), "{table}");
     let [[descriptors_before, files_before, _], [descriptors, files, _]] = verdict.held;
     assert!(

@@ -94,8 +94,11 @@ pub struct Row {
     pub doubled: u64,
     /// Longest pause between two terrain samples after each fault [ms].
     pub gaps_ms: Vec<f64>,
-    /// Faults after which cohesion or friction angle was farther off than its own sigma from what it was before.
-    pub jumps: u64,
+    /// Faults after which the estimate had started over, though the soil was the same: it rested on fewer rows.
+    pub started_over: u64,
+    /// Faults after which cohesion or friction angle lay farther than its sigma from what it was before. Without any fault this
+    /// is so in one of fifty spans of three cycles.
+    pub moved: u64,
 }
 
 impl Row {
@@ -410,22 +413,24 @@ fn judge(events: &[Event], seen: &Seen) -> Verdict {
         row.gaps_ms.extend(gaps.max().map(|gap_ns| gap_ns as f64 / 1e6));
         let before = seen.soil.iter().rfind(|sample| sample.header.published_ns < start_ns);
         let next = seen.soil.iter().find(|sample| sample.header.published_ns > event.at_ns);
-        row.jumps += u64::from(before.zip(next).is_some_and(|(before, next)| jumps(before, next)));
+        if let Some((before, next)) = of_one_soil(before, next) {
+            row.started_over += u64::from(next.rows < before.rows || !next.cohesion_pa.is_finite());
+            row.moved += u64::from(has_moved(before, next));
+        }
     }
     verdict
 }
 
-/// Whether an estimate starts over, though the soil is the same: it rests on fewer rows, or lies farther off than its own
-/// sigma.
-fn jumps(before: &Soil, next: &Soil) -> bool {
-    let is_known = |sample: &Soil| sample.header.status == Status::OK;
-    if !is_known(before) || next.resets != before.resets {
-        return false;
-    }
+/// Both estimates, where the soil is the same and the one before was sound.
+fn of_one_soil<'a>(before: Option<&'a Soil>, next: Option<&'a Soil>) -> Option<(&'a Soil, &'a Soil)> {
+    before
+        .zip(next)
+        .filter(|(before, next)| before.header.status == Status::OK && before.resets == next.resets)
+}
+
+fn has_moved(before: &Soil, next: &Soil) -> bool {
     let off = |before: f64, next: f64, sigma: f64| (next - before).abs() > sigma;
-    !next.cohesion_pa.is_finite()
-        || next.rows < before.rows
-        || off(before.cohesion_pa, next.cohesion_pa, before.cohesion_sigma_pa)
+    off(before.cohesion_pa, next.cohesion_pa, before.cohesion_sigma_pa)
         || off(before.friction_rad, next.friction_rad, before.friction_sigma_rad)
 }
 
@@ -439,7 +444,8 @@ impl Verdict {
             total.published += row.published;
             total.late += row.late;
             total.doubled += row.doubled;
-            total.jumps += row.jumps;
+            total.started_over += row.started_over;
+            total.moved += row.moved;
             total.gaps_ms.extend(&row.gaps_ms);
             total
         })
@@ -449,8 +455,8 @@ impl Verdict {
     #[must_use]
     pub fn table(&self) -> String {
         let mut text = String::from(
-            "| fault | stage | faults | cycles | published | late | lost | doubled | gap p50 / p99 / max ms | jumps |\n\
-             |---|---|--:|--:|--:|--:|--:|--:|--:|--:|\n",
+            "| fault | stage | faults | cycles | published | late | lost | doubled | gap p50 / p99 / max ms | started over | moved |\n\
+             |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n",
         );
         let rows = self
             .rows
@@ -466,7 +472,7 @@ impl Verdict {
             };
             let _ = writeln!(
                 text,
-                "| {fault} | {stage} | {} | {} | {} | {} | {} | {} | {:.0} / {:.0} / {:.0} | {} |",
+                "| {fault} | {stage} | {} | {} | {} | {} | {} | {} | {:.0} / {:.0} / {:.0} | {} | {} |",
                 row.faults,
                 row.expected,
                 row.published,
@@ -476,7 +482,8 @@ impl Verdict {
                 at(0.5),
                 at(0.99),
                 at(1.0),
-                row.jumps
+                row.started_over,
+                row.moved
             );
         }
         let [before, after] = self.held;
