@@ -313,6 +313,8 @@ impl<T: Message> Input<T> {
                 continue;
             };
             if self.falls_behind(sample.header().published_ns) {
+                // Only so many samples can be held at a time.
+                drop(sample);
                 self.skip_to_newest()?;
                 continue;
             }

@@ -26,8 +26,8 @@ const READERS_MAX: usize = 8;
 const WRITERS_MAX: usize = 4;
 /// Processes that have a wire open at the most.
 const NODES_MAX: usize = 24;
-/// Samples a reader holds at the most: the one it works on, and the next.
-const BORROWED_MAX: usize = 2;
+/// Samples a reader holds at the most: the one it works on, the newest, and the one that may be newer.
+const BORROWED_MAX: usize = 3;
 /// Bytes of one service attribute at the most; a fingerprint is cut into pieces of this length.
 const ATTRIBUTE_BYTES: usize = 240;
 
