@@ -182,7 +182,7 @@ class Reader:
     def _falls_behind(self, header):
         """Whether one sample after the other comes later. What a pause has piled up comes earlier and earlier."""
         age_ns = time.monotonic_ns() - header.published_ns
-        is_later = self.is_live and age_ns >= self.age_ns and self._has_more()
+        is_later = self.is_live and age_ns > self.age_ns and self._has_more()
         self.age_ns = age_ns
         self.falling_behind = self.falling_behind + 1 if is_later else 0
         return self.falling_behind > FALLING_BEHIND_MAX

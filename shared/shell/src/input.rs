@@ -346,7 +346,7 @@ impl<T: Message> Input<T> {
     /// piled up comes earlier and earlier, and is answered.
     fn falls_behind(&mut self, published_ns: u64) -> bool {
         let age_ns = now_ns().saturating_sub(published_ns);
-        let later = self.reader.mode == Mode::Live && age_ns >= self.age_ns && self.reader.has_more();
+        let later = self.reader.mode == Mode::Live && age_ns > self.age_ns && self.reader.has_more();
         self.age_ns = age_ns;
         self.falling_behind = if later { self.falling_behind + 1 } else { 0 };
         self.falling_behind > FALLING_BEHIND_MAX
