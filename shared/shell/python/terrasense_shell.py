@@ -26,7 +26,7 @@ from terrasense_messages import Header, Status  # noqa: E402
 
 WAIT_MAX = iceoryx2.Duration.from_millis(20)
 ATTRIBUTE_BYTES = 240
-FALLING_BEHIND_MAX = 8
+FALLING_BEHIND_MAX_NS = 250_000_000
 EXIT_USAGE, EXIT_UNAVAILABLE, EXIT_CONFIG = 64, 69, 78
 
 
@@ -156,7 +156,7 @@ class Reader:
         self.next_number = 0
         self.held = None
         self.last = None
-        self.age_ns = self.falling_behind = 0
+        self.age_ns, self.behind_since_ns = 0, None
 
     def resume_after(self, header):
         """Goes on after a sample that has been taken in already."""
@@ -181,11 +181,12 @@ class Reader:
 
     def _falls_behind(self, header):
         """Whether one sample after the other comes later. What a pause has piled up comes earlier and earlier."""
-        age_ns = time.monotonic_ns() - header.published_ns
+        now_ns = time.monotonic_ns()
+        age_ns = now_ns - header.published_ns
         is_later = self.is_live and age_ns > self.age_ns and self._has_more()
         self.age_ns = age_ns
-        self.falling_behind = self.falling_behind + 1 if is_later else 0
-        return self.falling_behind > FALLING_BEHIND_MAX
+        self.behind_since_ns = (self.behind_since_ns or now_ns) if is_later else None
+        return is_later and now_ns - self.behind_since_ns > FALLING_BEHIND_MAX_NS
 
     def _has_more(self):
         kept = self.journal is not None and self.next_number < self.journal.numbers()[1]
@@ -193,7 +194,7 @@ class Reader:
 
     def _skip_to_newest(self, sample):
         """The newest data win; what is left out is missing in the answers' numbers, and the launcher counts it."""
-        self.falling_behind = 0
+        self.behind_since_ns = None
         newest = sample
         while newest is not None:
             sample, newest = newest, self._receive()

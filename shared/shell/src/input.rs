@@ -26,8 +26,8 @@ const COPIED_MAX: usize = 16 << 10;
 const FUTURE_MAX_NS: u64 = 1_000_000_000;
 /// Observations that wait for their trigger at the most. A replay's sources run ahead by as much; beyond, they are stopped.
 const OBSERVATIONS_MAX: usize = 1_000_000;
-/// Samples in a row that come later and later, beyond which a stage skips to the newest.
-const FALLING_BEHIND_MAX: u32 = 8;
+/// Time for which samples may come later and later before a stage skips to the newest [ns]. A burst is over sooner.
+const FALLING_BEHIND_MAX_NS: u64 = 250_000_000;
 /// Observations that can wait without memory being asked for.
 const OBSERVATIONS_PREPARED: usize = 1024;
 
@@ -275,8 +275,8 @@ pub struct Input<T: Message> {
     substitute: Box<T>,
     last: Header,
     age_ns: u64,
-    /// So many samples in a row were older, when they were taken, than the one before.
-    falling_behind: u32,
+    /// Since when each sample was older, when it was taken, than the one before; 0 where it was not [ns].
+    behind_since_ns: u64,
     skipped: u64,
 }
 
@@ -290,7 +290,7 @@ impl<T: Message> Input<T> {
             substitute,
             last: Header::default(),
             age_ns: 0,
-            falling_behind: 0,
+            behind_since_ns: 0,
             skipped: 0,
         })
     }
@@ -345,16 +345,21 @@ impl<T: Message> Input<T> {
     /// Whether this stage is slower than its input: one sample after the other comes later. What a restart or a pause has
     /// piled up comes earlier and earlier, and is answered.
     fn falls_behind(&mut self, published_ns: u64) -> bool {
-        let age_ns = now_ns().saturating_sub(published_ns);
+        let now_ns = now_ns();
+        let age_ns = now_ns.saturating_sub(published_ns);
         let later = self.reader.mode == Mode::Live && age_ns > self.age_ns && self.reader.has_more();
         self.age_ns = age_ns;
-        self.falling_behind = if later { self.falling_behind + 1 } else { 0 };
-        self.falling_behind > FALLING_BEHIND_MAX
+        match (later, self.behind_since_ns) {
+            (false, _) => self.behind_since_ns = 0,
+            (true, 0) => self.behind_since_ns = now_ns,
+            (true, _) => {}
+        }
+        later && now_ns - self.behind_since_ns > FALLING_BEHIND_MAX_NS
     }
 
     /// The newest data win.
     fn skip_to_newest(&mut self) -> Result<(), Error> {
-        self.falling_behind = 0;
+        self.behind_since_ns = 0;
         let before = self.skipped;
         // The one at hand is left out as well.
         self.skipped += 1 + self.reader.skip_to_newest()?;
