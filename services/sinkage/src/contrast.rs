@@ -225,12 +225,11 @@ impl Contrast {
             .map(|sums| sums.iter().map(|column| column[EDGES - 1]).sum())
     }
 
-    /// Mean log gray value and texture of the rim where no soil is.
+    /// Texture of the rim where no soil is.
     #[inline(always)]
-    fn free(&self) -> [f32; 2] {
+    fn free(&self) -> f32 {
         let sum = |k: usize| self.above[k].iter().map(|column| column[FREE + MARGIN]).sum::<f32>();
-        let share = 1.0 / sum(0).max(1.0);
-        [sum(1) * share, sum(3) * share]
+        sum(3) / sum(0).max(1.0)
     }
 
     /// What a line's features are among those of the other lines.
@@ -305,28 +304,25 @@ fn window_features(lines: &[[f32; LINES]], regions: &[[f32; LINES]; 4], k: usize
 
 /// Soil is rougher than a rim: texture and variance next to the line, and texture of all above and all below.
 #[inline(always)]
-fn texture_features(regions: &[[f32; LINES]; 4], whole: &[f32; 4], free: [f32; 2], features: &mut Features) {
-    let rim = ln(free[1] + TEXTURE_MIN);
+fn texture_features(regions: &[[f32; LINES]; 4], whole: &[f32; 4], free: f32, features: &mut Features) {
+    let rim = ln(free + TEXTURE_MIN);
     let all = ln(whole[3] / whole[0].max(1.0) + TEXTURE_MIN);
     let sums = |edge: isize| regions.each_ref().map(|sums| part(sums, edge));
     let (from, here, to) = (sums(-(WIDE as isize)), sums(0), sums(WIDE as isize));
     let strip = |from: [&[f32; PART]; 4], to: [&[f32; PART]; 4], row: usize| {
         let count = to[0][row] - from[0][row];
         let known = count / (count + 40.0);
-        let share = 1.0 / count.max(1.0);
-        let log = to[1][row] - from[1][row];
-        let texture = (to[3][row] - from[3][row]).max(0.0) * share;
-        let spread = variance(count, log, to[2][row] - from[2][row]);
+        let texture = (to[3][row] - from[3][row]).max(0.0) / count.max(1.0);
+        let spread = variance(count, to[1][row] - from[1][row], to[2][row] - from[2][row]);
         (
             known * (ln(texture + TEXTURE_MIN) - rim),
             known * ln(spread + VARIANCE_MIN),
-            known * (log * share - free[0]).abs(),
         )
     };
     let share = 1.0 / whole[0].max(1.0);
-    let mut found = [[0.0; PART]; 6];
+    let mut found = [[0.0; PART]; 5];
     for row in 0..PART {
-        let ((above, spread_above, shift), (below, spread_below, _)) = (strip(from, here, row), strip(here, to, row));
+        let ((above, spread_above), (below, spread_below)) = (strip(from, here, row), strip(here, to, row));
         let (na, ea) = (here[0][row], here[3][row]);
         let (nb, eb) = (whole[0] - na, (whole[3] - ea).max(0.0));
         let (la, lb) = (ln(ea / na.max(1.0) + TEXTURE_MIN), ln(eb / nb.max(1.0) + TEXTURE_MIN));
@@ -335,7 +331,6 @@ fn texture_features(regions: &[[f32; LINES]; 4], whole: &[f32; 4], free: [f32; 2
         found[2][row] = spread_below - spread_above;
         found[3][row] = all - (na * la + nb * lb) * share;
         found[4][row] = nb / (nb + 200.0) * (lb - la);
-        found[5][row] = shift;
     }
     for (feature, found) in features[Feature::RimTexture as usize..].iter_mut().zip(&found) {
         feature[FIRST..].copy_from_slice(found);

@@ -31,8 +31,6 @@ pub enum Feature {
     TextureLikelihood,
     /// Log ratio of the textures of all below and all above.
     TextureRatio,
-    /// How far the mean log gray value just above the line is from that of the free rim.
-    RimShift,
     /// Otsu's between-class variance of all above and all below.
     Between,
     /// Log likelihood of two normal classes of unequal variance over that of one.
@@ -74,7 +72,6 @@ pub const NAMES: [&str; FEATURES] = [
     "spread",
     "texture_likelihood",
     "texture_ratio",
-    "rim_shift",
     "between",
     "likelihood",
     "roughness",
