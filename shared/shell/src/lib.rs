@@ -2,8 +2,17 @@
 //! hands samples over, and ends when it is told to.
 //!
 //! ```no_run
-//! # use messages::{Frame, Sinkage};
-//! # struct SinkageTracker; impl SinkageTracker { fn new(_: ()) -> Self { Self } fn step(&mut self, _: &Frame) -> Sinkage { todo!() } }
+//! # use messages::{Frame, Resumable, Sinkage};
+//! # struct SinkageTracker;
+//! # impl SinkageTracker {
+//! #     fn new(_: ()) -> Self { Self }
+//! #     fn step(&mut self, _: &Frame) -> Sinkage { todo!() }
+//! # }
+//! # impl Resumable for SinkageTracker {
+//! #     fn state_bytes(&self) -> usize { 0 }
+//! #     fn save(&self, _: &mut [u8]) {}
+//! #     fn restore(&mut self, _: &[u8]) -> Result<(), &'static str> { Ok(()) }
+//! # }
 //! fn main() -> std::process::ExitCode {
 //!     shell::main(|shell| {
 //!         let mut tracker = SinkageTracker::new(shell.config(|_| Ok(()))?);
