@@ -6,10 +6,14 @@
 //! waits for the event, until the futex is rung again: the first sample of another kind of writer is late by one wait at
 //! the most. A bell can be missed, a sample never: every wait ends, and then its caller looks.
 //!
-//! The file, in words of eight bytes: magic; strokes so far (four bytes, 0); 1 where somebody may be asleep.
+//! What takes its writer some time, a frame, is heralded: all stages of its chain wake, look, and sleep again. Their code is
+//! in the caches and their processors are awake when it comes; otherwise a hop takes three times as long at sensor rates.
+//!
+//! The file, in words of eight bytes: magic; strokes so far (four bytes, 0); 1 where somebody may be asleep; the same two
+//! for heralds.
 
-use crate::Error;
 use crate::memory::Memory;
+use crate::{Error, now_ns};
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::{EventId, ipc};
@@ -24,9 +28,9 @@ use std::time::Duration;
 /// The event that a writer rings after each sample.
 pub(crate) const RING: usize = 0;
 const MAGIC: u64 = u64::from_le_bytes(*b"TERRAB01");
-const STROKES: usize = 1;
-const ASLEEP: usize = 2;
-const WORDS: usize = 3;
+const SAMPLES: usize = 1;
+const HERALDS: usize = 3;
+const WORDS: usize = 5;
 
 /// The event service of a wire.
 pub(crate) type EventService = event::PortFactory<ipc::Service>;
@@ -71,31 +75,85 @@ impl Bell {
         Path::new(root).join(format!("bell.{}", wire.replace('/', ".")))
     }
 
+    /// Rung after each sample.
+    fn samples(&self) -> Gong<'_> {
+        self.gong(SAMPLES)
+    }
+
+    /// Rung before a sample that takes time.
+    fn heralds(&self) -> Gong<'_> {
+        self.gong(HERALDS)
+    }
+
+    fn gong(&self, word: usize) -> Gong<'_> {
+        Gong {
+            strokes: self.memory.half_word(word),
+            asleep: &self.memory.words()[word + 1],
+        }
+    }
+}
+
+/// What is rung and slept for.
+struct Gong<'a> {
+    strokes: &'a AtomicU32,
+    asleep: &'a AtomicU64,
+}
+
+impl Gong<'_> {
     /// Wakes whoever is asleep: a system call only where somebody may be.
     fn ring(&self) {
-        self.strokes().fetch_add(1, Ordering::SeqCst);
-        if self.asleep().swap(0, Ordering::SeqCst) != 0 {
-            let _ = futex::wake(self.strokes(), futex::Flags::empty(), i32::MAX.cast_unsigned());
+        self.strokes.fetch_add(1, Ordering::SeqCst);
+        if self.asleep.swap(0, Ordering::SeqCst) != 0 {
+            let _ = futex::wake(self.strokes, futex::Flags::empty(), i32::MAX.cast_unsigned());
         }
     }
 
-    /// Sleeps until the bell has been rung more often than `heard`, a signal comes, or `longest` is over.
+    /// How often it has been rung.
+    fn heard(&self) -> u32 {
+        self.strokes.load(Ordering::SeqCst)
+    }
+
+    /// Sleeps until it has been rung more often than `heard`, a signal comes, or `longest` is over.
     fn sleep(&self, heard: u32, longest: Duration) -> Result<(), Errno> {
-        // Before the kernel compares: who rings afterwards has either changed what it compares, or sees this.
-        self.asleep().store(1, Ordering::SeqCst);
+        self.lie_down();
         let longest = longest.try_into().map_err(|_| Errno::INVAL)?;
-        match futex::wait(self.strokes(), futex::Flags::empty(), heard, Some(&longest)) {
-            Ok(()) | Err(Errno::AGAIN | Errno::INTR | Errno::TIMEDOUT) => Ok(()),
-            Err(error) => Err(error),
-        }
+        awake(futex::wait(self.strokes, futex::Flags::empty(), heard, Some(&longest)))
     }
 
-    fn strokes(&self) -> &AtomicU32 {
-        self.memory.half_word(STROKES)
+    /// Before the kernel compares: who rings afterwards has either changed what it compares, or sees this.
+    fn lie_down(&self) {
+        self.asleep.store(1, Ordering::SeqCst);
     }
 
-    fn asleep(&self) -> &AtomicU64 {
-        &self.memory.words()[ASLEEP]
+    fn wait(&self, heard: u32) -> futex::Wait {
+        let mut wait = futex::Wait::new();
+        wait.val = heard.into();
+        wait.uaddr = futex::WaitPtr::new(self.strokes.as_ptr().cast());
+        wait.flags = futex::WaitFlags::SIZE_U32;
+        wait
+    }
+}
+
+/// Sleeps until either has been rung more often than heard, as [`Gong::sleep`] does for one.
+fn sleep_for_either(gongs: [(Gong<'_>, u32); 2], longest: Duration) -> Result<(), Errno> {
+    gongs.iter().for_each(|(gong, _)| gong.lie_down());
+    let waits = gongs.map(|(gong, heard)| gong.wait(heard));
+    let until_ns = now_ns() + u64::try_from(longest.as_nanos()).unwrap_or(u64::MAX >> 1);
+    let until = Duration::from_nanos(until_ns).try_into().map_err(|_| Errno::INVAL)?;
+    let outcome = futex::waitv(
+        &waits,
+        futex::WaitvFlags::empty(),
+        Some(&until),
+        futex::ClockId::Monotonic,
+    );
+    awake(outcome.map(|_| ()))
+}
+
+/// However a sleep has ended, its sleeper looks.
+fn awake(outcome: Result<(), Errno>) -> Result<(), Errno> {
+    match outcome {
+        Ok(()) | Err(Errno::AGAIN | Errno::INTR | Errno::TIMEDOUT) => Ok(()),
+        Err(error) => Err(error),
     }
 }
 
@@ -123,9 +181,14 @@ impl Ringer {
             .map(|event| Self { bell, event })
     }
 
+    /// Tells the stages of the chain that begins here that a sample will come.
+    pub(crate) fn herald(&self) {
+        self.bell.heralds().ring();
+    }
+
     /// Tells all readers of a sample.
     pub(crate) fn ring(&self) -> Result<(), impl std::fmt::Debug> {
-        self.bell.ring();
+        self.bell.samples().ring();
         self.event.notify().map(|_| ())
     }
 }
@@ -134,9 +197,11 @@ impl Ringer {
 #[derive(Debug)]
 pub(crate) struct Ear {
     bell: Bell,
+    /// The bell of the wire with which the chain begins, for a stage of it.
+    herald: RefCell<Option<Bell>>,
     event: EventService,
-    /// Strokes before the last look at the wire.
-    heard: Cell<u32>,
+    /// Strokes, and heralds, before the last look at the wire.
+    heard: Cell<(u32, u32)>,
     /// Whether a look has found a sample since the last wait.
     found: Cell<bool>,
     /// Strokes at the last wait.
@@ -149,17 +214,28 @@ impl Ear {
     pub(crate) fn new(bell: Bell, event: EventService) -> Self {
         Self {
             bell,
+            herald: RefCell::new(None),
             event,
-            heard: Cell::new(0),
+            heard: Cell::new((0, 0)),
             found: Cell::new(false),
             waited: Cell::new(None),
             listener: RefCell::new(None),
         }
     }
 
+    /// Wakes for the heralds of this bell as well.
+    pub(crate) fn mind(&self, herald: Bell) {
+        self.herald.replace(Some(herald));
+    }
+
     /// To be called before each look at the wire: what is rung from here on ends the next wait.
     pub(crate) fn prick(&self) {
-        self.heard.set(self.bell.strokes().load(Ordering::SeqCst));
+        let heralds = self
+            .herald
+            .borrow()
+            .as_ref()
+            .map_or(0, |herald| herald.heralds().heard());
+        self.heard.set((self.bell.samples().heard(), heralds));
     }
 
     /// To be called when a look has found a sample.
@@ -174,10 +250,7 @@ impl Ear {
     pub(crate) fn wait(&self, longest: Duration) -> Result<(), String> {
         self.choose()?;
         match &*self.listener.borrow() {
-            None => self
-                .bell
-                .sleep(self.heard.get(), longest)
-                .map_err(|error| error.to_string()),
+            None => self.sleep(longest).map_err(|error| error.to_string()),
             Some(listener) => match listener.timed_wait(|_| (), longest) {
                 // A signal ends the wait: the caller looks at why it woke.
                 Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
@@ -186,9 +259,26 @@ impl Ear {
         }
     }
 
+    fn sleep(&self, longest: Duration) -> Result<(), Errno> {
+        let (heard, heralds) = self.heard.get();
+        let samples = self.bell.samples();
+        let outcome = match &*self.herald.borrow() {
+            None => return samples.sleep(heard, longest),
+            Some(herald) => sleep_for_either([(samples, heard), (herald.heralds(), heralds)], longest),
+        };
+        match outcome {
+            // Linux before 5.16, or a container that forbids it: without heralds, then.
+            Err(Errno::NOSYS | Errno::PERM) => {
+                self.herald.replace(None);
+                Ok(())
+            }
+            outcome => outcome,
+        }
+    }
+
     /// Which bell to wait for.
     fn choose(&self) -> Result<(), String> {
-        let strokes = self.bell.strokes().load(Ordering::SeqCst);
+        let strokes = self.bell.samples().heard();
         let rung = self
             .waited
             .replace(Some(strokes))
@@ -222,18 +312,42 @@ mod tests {
                 let bell = Bell::open(&path).unwrap();
                 for number in 1..=last {
                     said.store(number, Ordering::Release);
-                    bell.ring();
+                    bell.samples().ring();
                 }
             });
             loop {
-                let heard = bell.strokes().load(Ordering::SeqCst);
+                let heard = bell.samples().heard();
                 if said.load(Ordering::Acquire) == last {
                     break;
                 }
                 // Whoever sleeps over the last stroke sleeps for ever.
-                bell.sleep(heard, Duration::from_secs(1 << 20)).unwrap();
+                bell.samples().sleep(heard, Duration::from_secs(1 << 20)).unwrap();
             }
         });
+    }
+
+    #[test]
+    fn a_stage_wakes_for_its_own_bell_and_for_heralds() {
+        let folder = tempfile::tempdir().unwrap();
+        let paths = ["frames", "sinkage"].map(|wire| folder.path().join(wire));
+        let [frames, sinkage] = paths.each_ref().map(|path| Bell::create(path).unwrap());
+        for ring in [
+            (|paths| Bell::open(&paths[0]).unwrap().heralds().ring()) as fn(&[PathBuf; 2]),
+            |paths| Bell::open(&paths[1]).unwrap().samples().ring(),
+        ] {
+            let gongs = [
+                (sinkage.samples(), sinkage.samples().heard()),
+                (frames.heralds(), frames.heralds().heard()),
+            ];
+            std::thread::scope(|scope| {
+                scope.spawn(|| {
+                    std::thread::sleep(Duration::from_millis(5));
+                    ring(&paths);
+                });
+                // Whoever is not woken sleeps for ever.
+                sleep_for_either(gongs, Duration::from_secs(1 << 20)).unwrap();
+            });
+        }
     }
 
     #[test]
@@ -241,7 +355,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("bell.front.wheel");
         assert!(Bell::open(&path).is_err());
-        std::fs::write(&path, [7; 24]).unwrap();
+        std::fs::write(&path, [7; 40]).unwrap();
         assert!(Bell::open(&path).is_err());
         std::fs::write(&path, [7; 9]).unwrap();
         assert!(Bell::open(&path).is_err());

@@ -277,11 +277,16 @@ pub struct Input<T: Message> {
 }
 
 impl<T: Message> Input<T> {
-    pub(crate) fn open(domain: &Domain, wire: &str, attention: Rc<Attention>) -> Result<Self, Error> {
+    /// `head` is the wire with which the chain begins.
+    pub(crate) fn open(domain: &Domain, wire: &str, head: &str, attention: Rc<Attention>) -> Result<Self, Error> {
         let substitute =
             T::new_box_zeroed().map_err(|_| Error::internal(format!("no memory for a sample of wire {wire}")))?;
+        let reader = Reader::open(domain, wire)?;
+        if domain.mode() == Mode::Live {
+            reader.ear.mind(domain.bell(head)?);
+        }
         Ok(Self {
-            reader: Reader::open(domain, wire)?,
+            reader,
             attention,
             substitute,
             last: Header::default(),

@@ -154,7 +154,8 @@ impl Shell {
     pub fn input<T: Message>(&mut self, port: &str) -> Result<Input<T>, Error> {
         let wire = self.wire(port, true)?;
         let attention = self.attention.clone();
-        Input::open(self.domain()?, &wire, attention)
+        let head = self.system.head_of(&wire);
+        Input::open(self.domain()?, &wire, &head, attention)
     }
 
     /// Opens a wire that this service takes in when it is triggered. A port without a wire observes nothing.

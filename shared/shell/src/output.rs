@@ -8,12 +8,18 @@ use crate::{Error, Mode, now_ns, sleep_until};
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::{BackpressureAction, BackpressureInfo};
 use iceoryx2::prelude::{BackpressureStrategy, ipc};
+use iceoryx2::sample_mut_uninit::SampleMutUninit;
 use messages::{Header, Message, Status};
 use std::cell::{Cell, RefCell};
+use std::mem::MaybeUninit;
 use std::path::PathBuf;
 
 /// Between two looks for the release of a replay [ns].
 const RELEASE_POLL_NS: u64 = 1_000_000;
+/// Bytes of a sample above which it takes time to write.
+const HERALDED_MIN: usize = 64 << 10;
+/// After a shorter time [ns] readers are still awake.
+const HERALDED_AFTER_NS: u64 = 4_000_000;
 
 /// A wire that this service writes.
 #[derive(Debug)]
@@ -102,6 +108,7 @@ impl<T: Message> Output<T> {
     /// # Errors
     /// The wire is broken, or `fill` failed.
     pub fn send_with(&self, fill: impl FnOnce(&mut T) -> Result<(), Error>) -> Result<(), Error> {
+        self.wire.herald();
         self.send_on(&self.wire, fill)
     }
 
@@ -152,13 +159,25 @@ impl<T: Message> Output<T> {
     }
 }
 
+/// Memory for a sample that is not written yet.
+type Loan<T> = SampleMutUninit<ipc::Service, MaybeUninit<T>, ()>;
+
 /// One wire's publisher, bells and journal.
-#[derive(Debug)]
 struct Writer<T: Message> {
     publisher: Publisher<ipc::Service, T, ()>,
+    /// Memory of the next sample: asked for once the last one has gone, when nobody waits.
+    loan: RefCell<Option<Loan<T>>>,
+    /// When a sample was begun last [ns].
+    heralded_ns: Cell<u64>,
     ringer: Ringer,
     journal: Option<Journal>,
     wire: String,
+}
+
+impl<T: Message> std::fmt::Debug for Writer<T> {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.debug_tuple("Writer").field(&self.wire).finish()
+    }
 }
 
 impl<T: Message> Writer<T> {
@@ -181,10 +200,21 @@ impl<T: Message> Writer<T> {
         let ringer = Ringer::new(opened.bell, &opened.event).map_err(|error| failed(&error))?;
         Ok(Self {
             publisher,
+            loan: RefCell::new(None),
+            heralded_ns: Cell::new(0),
             ringer,
             journal: opened.journal,
             wire: wire.into(),
         })
+    }
+
+    /// Announces a sample that is written now, where that takes time and its readers have had time to fall asleep.
+    fn herald(&self) {
+        let now_ns = now_ns();
+        if size_of::<T>() > HERALDED_MIN && now_ns.saturating_sub(self.heralded_ns.replace(now_ns)) > HERALDED_AFTER_NS
+        {
+            self.ringer.herald();
+        }
     }
 
     fn newest(&self) -> Option<Header> {
@@ -213,7 +243,11 @@ impl<T: Message> Writer<T> {
     }
 
     fn hand_over(&self, fill: impl FnOnce(&mut T) -> Result<(), Error>) -> Result<(), Error> {
-        let mut loan = self.publisher.loan_uninit().map_err(|error| self.failed(&error))?;
+        let prepared = self.loan.take();
+        let mut loan = match prepared {
+            Some(loan) => loan,
+            None => self.publisher.loan_uninit().map_err(|error| self.failed(&error))?,
+        };
         let bytes: *mut T = loan.payload_mut().as_mut_ptr();
         // SAFETY: the payload is memory of a mapped file: it is initialised (zeros at first, then what was sent before), and
         // any bytes are a valid `T` (zerocopy::FromBytes). The loan is exclusive, aligned and as long as `T`.
@@ -224,7 +258,10 @@ impl<T: Message> Writer<T> {
         let loan = unsafe { loan.assume_init() };
         loan.send().map_err(|error| self.failed(&error))?;
         self.journal.iter().for_each(Journal::note_sent);
-        self.ringer.ring().map_err(|error| self.failed(&error))
+        self.ringer.ring().map_err(|error| self.failed(&error))?;
+        // Where there is none now, the next sample asks again, and says so.
+        self.loan.replace(self.publisher.loan_uninit().ok());
+        Ok(())
     }
 
     fn failed(&self, what: &dyn std::fmt::Debug) -> Error {

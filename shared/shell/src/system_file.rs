@@ -1,7 +1,7 @@
 //! The system file: the whole process set on one page, as TOML.
 
-use crate::Error;
 use crate::placement::{Cpus, OnRefusal, Sched};
+use crate::{Error, Port};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
@@ -189,6 +189,23 @@ impl SystemFile {
     #[must_use]
     pub fn prefix(&self) -> String {
         format!("terrasense-{}-", self.system.name.get_ref())
+    }
+
+    /// The wire with which the chain begins that a wire belongs to.
+    pub(crate) fn head_of(&self, wire: &str) -> String {
+        let trigger_of = |wire: &str| {
+            self.services.values().find_map(|table| {
+                let port = table.outputs.iter().find(|(_, output)| output.get_ref() == wire)?.0;
+                let trigger = Port::named(port)?.trigger()?;
+                table.inputs.get(trigger.name()).map(|input| input.get_ref().as_str())
+            })
+        };
+        let mut head = wire;
+        // A chain is no longer than there are services; what goes round in a circle, the launcher refuses.
+        for _ in 0..self.services.len() {
+            head = trigger_of(head).unwrap_or(head);
+        }
+        head.into()
     }
 
     /// An error at a place in this file.

@@ -210,6 +210,11 @@ impl Domain {
         Output::open(self, wire, None, 1, termination)
     }
 
+    /// The bell of a wire.
+    pub(crate) fn bell(&self, wire: &str) -> Result<Bell, Error> {
+        Bell::open(&Bell::path(&self.root, wire))
+    }
+
     pub(crate) fn mode(&self) -> Mode {
         self.mode
     }
@@ -356,7 +361,7 @@ impl Domain {
             .event()
             .open()
             .map_err(|error| failed(&error))?;
-        let bell = Bell::open(&Bell::path(&self.root, wire))?;
+        let bell = self.bell(wire)?;
         let journal = Journal::open::<T>(&Journal::path(&self.root, wire))?;
         Ok(Wire {
             samples,
