@@ -155,6 +155,7 @@ pub fn play_source(part: &Part, ends: SourceEnds) -> Outcome<Stamps> {
     let last = Feed::header(source.sequence + 1, Status::ENDED);
     let picture = source.feed.picture(0);
     source.ends.frames.send(last, picture)?;
+    source.see_the_end()?;
     Ok(source.stamps)
 }
 
@@ -214,6 +215,18 @@ impl Source {
         while now_ns() < last_ns && self.stamps.lost() > 0 {
             sleep_until(now_ns() + LOOK_NS);
             self.drain()?;
+        }
+        Ok(())
+    }
+
+    /// Waits until the last stage has ended: it writes to this process.
+    fn see_the_end(&mut self) -> Outcome<()> {
+        let last_ns = now_ns() + DRAIN_NS;
+        let mut over = false;
+        while !over && now_ns() < last_ns {
+            sleep_until(now_ns() + LOOK_NS);
+            let mut look = |terrain: &Terrain| over |= terrain.header.status == Status::ENDED;
+            while self.ends.terrain.poll(&mut look)? {}
         }
         Ok(())
     }
