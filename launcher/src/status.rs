@@ -1,6 +1,7 @@
 //! `status`: how a running system is doing.
 
 use crate::commands::listen;
+use crate::placement::Placement;
 use crate::root;
 use clap::Args;
 use messages::{Message, SERVICES_MAX, ServiceState, Supervision, label_text};
@@ -48,6 +49,8 @@ pub struct Row {
     pub latency_p50_us: f64,
     /// The same, 99th percentile [µs].
     pub latency_p99_us: f64,
+    /// Where and how it runs; `null` where it does not.
+    pub placement: Option<Placement>,
 }
 
 /// Prints the table of a running system.
@@ -102,6 +105,7 @@ pub fn rows(table: &Supervision) -> Vec<Row> {
         rejected: table.bad[index],
         latency_p50_us: table.latency_p50_ns[index] as f64 / 1000.0,
         latency_p99_us: table.latency_p99_ns[index] as f64 / 1000.0,
+        placement: Placement::of(table.pid[index]),
     };
     (0..count).map(row).collect()
 }
@@ -110,13 +114,13 @@ pub fn rows(table: &Supervision) -> Vec<Row> {
 #[must_use]
 pub fn table(rows: &[Row]) -> String {
     let mut text = format!(
-        "{:<16} {:>8} {:<9} {:>8} {:>9} {:>9} {:>6} {:>8} {:>16}",
-        "service", "pid", "state", "restarts", "rate Hz", "published", "lost", "rejected", "p50/p99 µs"
+        "{:<16} {:>8} {:<9} {:>8} {:>9} {:>9} {:>6} {:>8} {:>16}  {}",
+        "service", "pid", "state", "restarts", "rate Hz", "published", "lost", "rejected", "p50/p99 µs", "runs on"
     );
     for row in rows {
         let latency = format!("{:.0}/{:.0}", row.latency_p50_us, row.latency_p99_us);
         text += &format!(
-            "\n{:<16} {:>8} {:<9} {:>8} {:>9.1} {:>9} {:>6} {:>8} {:>16}",
+            "\n{:<16} {:>8} {:<9} {:>8} {:>9.1} {:>9} {:>6} {:>8} {:>16}  {}",
             row.service,
             row.pid,
             row.state,
@@ -125,7 +129,8 @@ pub fn table(rows: &[Row]) -> String {
             row.published,
             row.lost,
             row.rejected,
-            if row.latency_p50_us > 0.0 { latency } else { "-".into() }
+            if row.latency_p50_us > 0.0 { latency } else { "-".into() },
+            row.placement.as_ref().map_or("-".into(), ToString::to_string)
         );
     }
     text
