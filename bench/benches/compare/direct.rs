@@ -27,7 +27,11 @@ pub fn play(part: &Part) -> Outcome<()> {
             sleep_until(started_ns + (cycle + 1) * PERIOD_NS);
         }
         let sequence = cycle + 1;
-        let frame_ns = write_frame(frame.as_mut_bytes(), Feed::header(sequence, Status::OK), feed.picture(cycle));
+        let frame_ns = write_frame(
+            frame.as_mut_bytes(),
+            Feed::header(sequence, Status::OK),
+            feed.picture(cycle),
+        );
         let sinkage = tracker.step(&frame);
         let sinkage_ns = now_ns();
         feed.readings(cycle, sequence)

@@ -24,7 +24,11 @@ pub fn draw(tables: &[(String, Vec<Series>)]) -> String {
     );
     let mut y = 0.0;
     for (title, series) in tables {
-        let _ = writeln!(svg, "<text x=\"10\" y=\"{:.0}\" font-weight=\"bold\">{title}</text>", y + 26.0);
+        let _ = writeln!(
+            svg,
+            "<text x=\"10\" y=\"{:.0}\" font-weight=\"bold\">{title}</text>",
+            y + 26.0
+        );
         y += TITLE_PX;
         for each in series.iter().filter(filled) {
             let (p50, p99) = (each.p50_us(), each.quantile_us(0.99));

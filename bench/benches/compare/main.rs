@@ -45,10 +45,10 @@ struct Arguments {
     /// Nothing but these, and the direct calls.
     #[arg(long, value_enum, value_delimiter = ',')]
     only: Vec<Variant>,
-    /// The program of `bench/peers/zenoh`, where it is not in `target/peers`.
+    /// The program of `bench/peers/over_zenoh`, where it is not in `target/peers`.
     #[arg(long, value_name = "PROGRAM")]
     zenoh: Option<PathBuf>,
-    /// The program of `bench/peers/dora`, where it is not in `target/peers`.
+    /// The program of `bench/peers/over_dora`, where it is not in `target/peers`.
     #[arg(long, value_name = "PROGRAM")]
     dora: Option<PathBuf>,
     /// Draws the whole cycle of every variant into this file.
@@ -113,19 +113,19 @@ fn compare(arguments: &Arguments) -> Outcome<()> {
     let mut bench = Bench::new(cycles, Termination::listen()?)?;
     let peers = bench::programs()?.join("../peers");
     let peer = |given: &Option<PathBuf>, path: &str| given.clone().or_else(|| built(&peers.join(path)));
-    bench.zenoh = peer(&arguments.zenoh, "release/zenoh");
-    bench.dora = peer(&arguments.dora, "release/dora");
+    bench.zenoh = peer(&arguments.zenoh, "release/over_zenoh");
+    bench.dora = peer(&arguments.dora, "release/over_dora");
     bench.cpus = arguments.cpus;
     bench.fifo = arguments.fifo.filter(|priority| fifo_is_allowed(*priority));
     let variants = variants(arguments, &bench);
     report.note(conditions(arguments, &bench, &variants));
     let load = arguments.loaded.then(Load::start).transpose()?;
     let mut figures = Vec::new();
-    for (pace, title) in [
-        (Pace::Paced, "at 30 Hz"),
-        (Pace::Fast, "as fast as possible"),
-    ] {
-        if matches!((arguments.pace, pace), (Paces::Paced, Pace::Fast) | (Paces::Fast, Pace::Paced)) {
+    for (pace, title) in [(Pace::Paced, "at 30 Hz"), (Pace::Fast, "as fast as possible")] {
+        if matches!(
+            (arguments.pace, pace),
+            (Paces::Paced, Pace::Fast) | (Paces::Fast, Pace::Paced)
+        ) {
             continue;
         }
         let spans = measure(&bench, &variants, pace, arguments.rounds)?;
@@ -134,7 +134,9 @@ fn compare(arguments: &Arguments) -> Outcome<()> {
         }
         let rounds: Vec<Series> = spans[0].iter().flat_map(Series::each_round).collect();
         report.table(&format!("{}, {title}, every run", SPANS[0].0), &rounds);
-        report.note(format!("\nBeyond the direct calls, {title}: median of the rounds, lowest–highest"));
+        report.note(format!(
+            "\nBeyond the direct calls, {title}: median of the rounds, lowest–highest"
+        ));
         for line in ratios(&spans[0]) {
             report.note(line);
         }
@@ -181,7 +183,10 @@ fn conditions(arguments: &Arguments, bench: &Bench, variants: &[Variant]) -> Str
         "{} rounds of {} cycles; before them {WARM_UP} of warm-up a run, not counted. {scheduling}; {load}; {place}.",
         arguments.rounds, bench.cycles
     );
-    for (variant, how) in [(Variant::Zenoh, "bench/peers/zenoh"), (Variant::Dora, "bench/peers/dora")] {
+    for (variant, how) in [
+        (Variant::Zenoh, "bench/peers/over_zenoh"),
+        (Variant::Dora, "bench/peers/over_dora"),
+    ] {
         if !variants.contains(&variant) && arguments.only.is_empty() {
             text += &format!(" Without {}: see {how}.", variant.name());
         }
@@ -220,7 +225,9 @@ fn take_in(spans: &mut [Vec<Series>; 4], index: usize, stamps: &Stamps) {
 
 /// (variant - floor) / (other - floor), round by round.
 fn ratios(series: &[Series]) -> Vec<String> {
-    let Some((floor, others)) = series.split_first() else { return Vec::new() };
+    let Some((floor, others)) = series.split_first() else {
+        return Vec::new();
+    };
     let floor = floor.p50_of_rounds_us();
     let beyond = |series: &Series| -> Vec<Option<f64>> {
         let rounds = series.p50_of_rounds_us().into_iter().zip(&floor);
@@ -232,7 +239,9 @@ fn ratios(series: &[Series]) -> Vec<String> {
             let pairs = beyond(ours).into_iter().zip(beyond(theirs));
             let mut ratios: Vec<f64> = pairs.filter_map(|(ours, theirs)| Some(ours? / theirs?)).collect();
             ratios.sort_by(f64::total_cmp);
-            let (Some(low), Some(high)) = (ratios.first(), ratios.last()) else { continue };
+            let (Some(low), Some(high)) = (ratios.first(), ratios.last()) else {
+                continue;
+            };
             lines.push(format!(
                 "- {} to {}: {:.2} ({low:.2}–{high:.2})",
                 ours.name(),

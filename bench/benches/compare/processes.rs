@@ -131,12 +131,7 @@ impl Bench {
     }
 
     /// Starts a process for each role, and waits until they have ended.
-    fn run_each(
-        &self,
-        words: &[OsString],
-        part: impl Fn(Role) -> Part,
-        last_ns: u64,
-    ) -> Outcome<&'static [Role]> {
+    fn run_each(&self, words: &[OsString], part: impl Fn(Role) -> Part, last_ns: u64) -> Outcome<&'static [Role]> {
         let processes = ROLES.map(|role| self.start(words, &part(role)));
         let processes = processes.into_iter().collect::<Outcome<Vec<_>>>()?;
         self.wait(processes, last_ns)?;
@@ -154,7 +149,12 @@ impl Bench {
             .args(["--role", part.role.name(), "--pace", part.pace.name()])
             .arg("--folder")
             .arg(&part.folder)
-            .args(["--cycles", &part.cycles.to_string(), "--warm-up", &part.warm_up.to_string()])
+            .args([
+                "--cycles",
+                &part.cycles.to_string(),
+                "--warm-up",
+                &part.warm_up.to_string(),
+            ])
             .stdin(Stdio::null());
         if let Some(cpu) = part.cpu {
             command.args(["--cpu", &cpu.to_string()]);
@@ -220,14 +220,20 @@ fn words_of(program: Option<&PathBuf>, name: &str) -> Outcome<Vec<OsString>> {
 
 /// The processors that this process may use.
 pub fn allowed_cpus() -> Vec<usize> {
-    let Ok(set) = sched_getaffinity(None) else { return Vec::new() };
-    (0..rustix::thread::CpuSet::MAX_CPU).filter(|cpu| set.is_set(*cpu)).collect()
+    let Ok(set) = sched_getaffinity(None) else {
+        return Vec::new();
+    };
+    (0..rustix::thread::CpuSet::MAX_CPU)
+        .filter(|cpu| set.is_set(*cpu))
+        .collect()
 }
 
 /// Whether processes may be started with this real-time priority.
 pub fn fifo_is_allowed(priority: u8) -> bool {
     let mut command = Command::new("chrt");
-    command.args(["--fifo", &priority.to_string(), "true"]).stderr(Stdio::null());
+    command
+        .args(["--fifo", &priority.to_string(), "true"])
+        .stderr(Stdio::null());
     command.status().is_ok_and(|status| status.success())
 }
 

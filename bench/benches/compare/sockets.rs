@@ -3,7 +3,8 @@
 use crate::forms::{Picture, SinkageForm, SoilForm, TerrainForm, WheelForm};
 use bench::Outcome;
 use bench::compare::{
-    Read, SinkageEnds, SourceEnds, TerrainEnds, TerramechanicsEnds, Transport, WAIT_MAX, Write, WriteFrames, write_frame,
+    Read, SinkageEnds, SourceEnds, TerrainEnds, TerramechanicsEnds, Transport, WAIT_MAX, Write, WriteFrames,
+    write_frame,
 };
 use messages::{Frame, Header, Sinkage, Soil, Terrain, Wheel};
 use serde::{Deserialize, Serialize};

@@ -3,7 +3,8 @@
 
 use bench::Outcome;
 use bench::compare::{
-    Read, SinkageEnds, SourceEnds, TerrainEnds, TerramechanicsEnds, Transport, WAIT_MAX, Write, WriteFrames, write_frame,
+    Read, SinkageEnds, SourceEnds, TerrainEnds, TerramechanicsEnds, Transport, WAIT_MAX, Write, WriteFrames,
+    write_frame,
 };
 use iceoryx2::node::Node;
 use iceoryx2::port::listener::Listener;
@@ -121,7 +122,9 @@ impl Transport for Textbook {
             .open_or_create()?;
         let subscriber = service.subscriber_builder().create()?;
         let receive = move |act: &mut dyn FnMut(&Frame) -> Outcome<bool>| {
-            let Some(sample) = subscriber.receive()? else { return Ok(None) };
+            let Some(sample) = subscriber.receive()? else {
+                return Ok(None);
+            };
             let frame = Frame::ref_from_bytes(sample.payload()).map_err(|_| "a picture of another size")?;
             act(frame).map(Some)
         };
@@ -214,7 +217,10 @@ where
             if !rang {
                 outcome = act(None);
             }
-            let told = matches!(result, WaitSetRunResult::TerminationRequest | WaitSetRunResult::Interrupt);
+            let told = matches!(
+                result,
+                WaitSetRunResult::TerminationRequest | WaitSetRunResult::Interrupt
+            );
             if told || !outcome? {
                 return Ok(());
             }

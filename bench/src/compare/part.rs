@@ -180,7 +180,11 @@ impl Source {
                 self.send(0)?;
             }
             sleep_until(now_ns() + PERIOD_NS);
-            while self.ends.terrain.poll(&mut |terrain| answered = terrain.header.sequence)? {}
+            while self
+                .ends
+                .terrain
+                .poll(&mut |terrain| answered = terrain.header.sequence)?
+            {}
         }
         Ok(())
     }
