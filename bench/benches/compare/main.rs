@@ -48,8 +48,8 @@ struct Arguments {
     /// The program of `bench/peers/over_zenoh`, where it is not in `target/peers`.
     #[arg(long, value_name = "PROGRAM")]
     zenoh: Option<PathBuf>,
-    /// The program of `bench/peers/over_dora`, where it is not in `target/peers`.
-    #[arg(long, value_name = "PROGRAM")]
+    /// The Python that has dora, where it is not `target/peers/dora/bin/python3`.
+    #[arg(long, value_name = "PYTHON")]
     dora: Option<PathBuf>,
     /// Draws the whole cycle of every variant into this file.
     #[arg(long, value_name = "FILE")]
@@ -114,7 +114,7 @@ fn compare(arguments: &Arguments) -> Outcome<()> {
     let peers = bench::programs()?.join("../peers");
     let peer = |given: &Option<PathBuf>, path: &str| given.clone().or_else(|| built(&peers.join(path)));
     bench.zenoh = peer(&arguments.zenoh, "release/over_zenoh");
-    bench.dora = peer(&arguments.dora, "release/over_dora");
+    bench.dora = peer(&arguments.dora, "dora/bin/python3");
     bench.cpus = arguments.cpus;
     bench.fifo = arguments.fifo.filter(|priority| fifo_is_allowed(*priority));
     let variants = variants(arguments, &bench);
@@ -196,8 +196,10 @@ fn conditions(arguments: &Arguments, bench: &Bench, variants: &[Variant]) -> Str
 
 /// For each span the times of each variant.
 fn measure(bench: &Bench, variants: &[Variant], pace: Pace, rounds: usize) -> Outcome<[Vec<Series>; 4]> {
-    let floor = Variant::Direct.name();
-    let begin = |variant: &Variant| Series::new(variant.name()).over(floor);
+    let begin = |variant: &Variant| match variant {
+        Variant::Direct => Series::new(variant.name()),
+        _ => Series::new(variant.name()).over(Variant::Direct.name()),
+    };
     let mut spans: [Vec<Series>; 4] = std::array::from_fn(|_| variants.iter().map(begin).collect());
     for round in 0..rounds {
         for index in 0..variants.len() {

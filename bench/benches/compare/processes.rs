@@ -66,7 +66,9 @@ pub struct Bench {
     pub cycles: u64,
     pub cpus: Option<Cpus>,
     pub fifo: Option<u8>,
+    /// The program of `bench/peers/over_zenoh`.
     pub zenoh: Option<PathBuf>,
+    /// The Python that has dora; the module of `bench/peers/over_dora` is where cargo puts it beside.
     pub dora: Option<PathBuf>,
     pub termination: Termination,
 }
@@ -117,10 +119,16 @@ impl Bench {
                 self.run_each(&words, part, last_ns)?
             }
             Variant::Sockets => self.run_each(&own("sockets")?, part, last_ns)?,
-            Variant::Zenoh => self.run_each(&words_of(self.zenoh.as_ref(), "zenoh")?, part, last_ns)?,
+            Variant::Zenoh => {
+                let program = self
+                    .zenoh
+                    .as_ref()
+                    .ok_or("build bench/peers/over_zenoh, or give --zenoh")?;
+                self.run_each(&[program.into()], part, last_ns)?
+            }
             Variant::Dora => {
-                let program = words_of(self.dora.as_ref(), "dora")?;
-                self.wait(vec![self.start(&program, &part(Role::Source))?], last_ns)?;
+                let words = self.dora_words()?;
+                self.wait(vec![self.start(&words, &part(Role::Source))?], last_ns)?;
                 &[Role::Source, Role::Terrain]
             }
         };
@@ -190,6 +198,31 @@ impl Bench {
         Ok(())
     }
 
+    /// dora starts its nodes itself.
+    fn dora_words(&self) -> Outcome<Vec<OsString>> {
+        let python = self
+            .dora
+            .as_ref()
+            .ok_or("build bench/peers/over_dora, or give --dora")?;
+        let peers = Path::new(env!("CARGO_MANIFEST_DIR")).join("peers/over_dora");
+        let module = python
+            .ancestors()
+            .nth(3)
+            .unwrap_or(python)
+            .join("release/libover_dora.so");
+        let roles = [Role::Source, Role::Sinkage, Role::Terramechanics, Role::Terrain];
+        let cpus = roles.map(|role| self.cpu(role).map_or_else(String::new, |cpu| cpu.to_string()));
+        let words: [OsString; 6] = [
+            python.into(),
+            peers.join("run.py").into(),
+            "--module".into(),
+            module.into(),
+            "--cpus".into(),
+            cpus.join(",").into(),
+        ];
+        Ok(words.into())
+    }
+
     fn cpu(&self, role: Role) -> Option<usize> {
         let allowed = allowed_cpus();
         let last = allowed.len().checked_sub(1)?;
@@ -211,11 +244,6 @@ impl Bench {
 /// This program, as a process of a variant.
 fn own(variant: &str) -> Outcome<Vec<OsString>> {
     Ok(vec![std::env::current_exe()?.into(), "child".into(), variant.into()])
-}
-
-fn words_of(program: Option<&PathBuf>, name: &str) -> Outcome<Vec<OsString>> {
-    let program = program.ok_or_else(|| format!("give the program with --{name}"))?;
-    Ok(vec![program.into()])
 }
 
 /// The processors that this process may use.
