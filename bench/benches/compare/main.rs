@@ -114,7 +114,8 @@ fn compare(arguments: &Arguments) -> Outcome<()> {
     let peers = bench::programs()?.join("../peers");
     let peer = |given: &Option<PathBuf>, path: &str| given.clone().or_else(|| built(&peers.join(path)));
     bench.zenoh = peer(&arguments.zenoh, "release/over_zenoh");
-    bench.dora = peer(&arguments.dora, "dora/bin/python3");
+    let module = built(&peers.join("release/libover_dora.so"));
+    bench.dora = peer(&arguments.dora, "dora/bin/python3").filter(|_| module.is_some() || arguments.dora.is_some());
     bench.cpus = arguments.cpus;
     bench.fifo = arguments.fifo.filter(|priority| fifo_is_allowed(*priority));
     let variants = variants(arguments, &bench);
@@ -128,7 +129,7 @@ fn compare(arguments: &Arguments) -> Outcome<()> {
         ) {
             continue;
         }
-        let spans = measure(&bench, &variants, pace, arguments.rounds)?;
+        let spans = measure(&bench, &variants, pace, arguments.rounds, &mut report)?;
         for ((name, ..), series) in SPANS.iter().zip(&spans) {
             report.table(&format!("{name}, {title}"), series);
         }
@@ -194,8 +195,14 @@ fn conditions(arguments: &Arguments, bench: &Bench, variants: &[Variant]) -> Str
     text
 }
 
-/// For each span the times of each variant.
-fn measure(bench: &Bench, variants: &[Variant], pace: Pace, rounds: usize) -> Outcome<[Vec<Series>; 4]> {
+/// For each span the times of each variant. A run that fails is told of, and its cycles are lost.
+fn measure(
+    bench: &Bench,
+    variants: &[Variant],
+    pace: Pace,
+    rounds: usize,
+    report: &mut Report,
+) -> Outcome<[Vec<Series>; 4]> {
     let begin = |variant: &Variant| match variant {
         Variant::Direct => Series::new(variant.name()),
         _ => Series::new(variant.name()).over(Variant::Direct.name()),
@@ -206,23 +213,29 @@ fn measure(bench: &Bench, variants: &[Variant], pace: Pace, rounds: usize) -> Ou
             // Each round begins with another one.
             let index = (index + round) % variants.len();
             let variant = variants[index];
-            let run = bench.run(variant, pace);
-            let stamps = run.map_err(|error| format!("{}, round {}: {error}", variant.name(), round + 1))?;
-            take_in(&mut spans, index, &stamps);
+            let stamps = bench.run(variant, pace);
+            if bench.termination.requested() {
+                return Err("told to end".into());
+            }
+            if let Err(error) = &stamps {
+                report.note(format!("{}, round {}, failed: {error}", variant.name(), round + 1));
+            }
+            take_in(&mut spans, index, &stamps.unwrap_or_default(), bench.cycles);
         }
         eprintln!("compare, {}: round {} of {rounds}", pace.name(), round + 1);
     }
     Ok(spans)
 }
 
-fn take_in(spans: &mut [Vec<Series>; 4], index: usize, stamps: &Stamps) {
+fn take_in(spans: &mut [Vec<Series>; 4], index: usize, stamps: &Stamps, cycles: u64) {
     for ((_, from, to), series) in SPANS.iter().zip(spans.iter_mut()) {
         series[index].begin_round();
         stamps
             .times_ns(*from, *to)
             .for_each(|time_ns| series[index].record(time_ns));
     }
-    spans[0][index].lose(stamps.lost() as u64);
+    let unsent = cycles.saturating_sub(stamps.cycles() as u64);
+    spans[0][index].lose(unsent + stamps.lost() as u64);
 }
 
 /// (variant - floor) / (other - floor), round by round.
