@@ -142,7 +142,9 @@ impl Series {
         let medians: Vec<f64> = filled(&self.rounds)
             .map(|round| micro(round.value_at_quantile(0.5)))
             .collect();
-        let floor = among.iter().find(|other| Some(&other.name) == self.floor.as_ref());
+        let floor = among
+            .iter()
+            .find(|other| Some(&other.name) == self.floor.as_ref() && !medians.is_empty());
         let ratios: Vec<f64> = floor.map_or_else(Vec::new, |floor| {
             let pairs = filled(&self.rounds).zip(filled(&floor.rounds));
             pairs

@@ -261,7 +261,7 @@ fn ratios(series: &[Series]) -> Vec<String> {
                 "- {} to {}: {:.2} ({low:.2}–{high:.2})",
                 ours.name(),
                 theirs.name(),
-                ratios[ratios.len() / 2]
+                f64::midpoint(ratios[(ratios.len() - 1) / 2], ratios[ratios.len() / 2])
             ));
         }
     }

@@ -15,7 +15,6 @@ use pyo3::types::PyBytes;
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
-use zerocopy::FromBytes;
 
 /// How long a look for an event takes at the most [s]: the node has no way to look without waiting.
 const LOOK_S: f64 = 0.001;
@@ -185,7 +184,9 @@ impl<T: Message> Reader<T> {
             return Ok(stream.next(wait_s, self.place.as_mut_bytes())?.is_some());
         }
         let mut place = [0; SMALL_MAX];
-        let Some((wire, length)) = stream.next(wait_s, &mut place)? else { return Ok(false) };
+        let Some((wire, length)) = stream.next(wait_s, &mut place)? else {
+            return Ok(false);
+        };
         stream.waiting.push_back((wire, place[..length].to_vec()));
         Ok(false)
     }

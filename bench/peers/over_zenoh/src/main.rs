@@ -3,8 +3,8 @@
 
 use bench::Outcome;
 use bench::compare::{
-    Part, Read, Role, SinkageEnds, SourceEnds, TerrainEnds, TerramechanicsEnds, Transport, WAIT_MAX, Write, WriteFrames,
-    play, write_frame,
+    Part, Read, Role, SinkageEnds, SourceEnds, TerrainEnds, TerramechanicsEnds, Transport, WAIT_MAX, Write,
+    WriteFrames, play, write_frame,
 };
 use clap::Parser;
 use messages::{Frame, Header, Message};
@@ -16,7 +16,6 @@ use zenoh::qos::CongestionControl;
 use zenoh::sample::Sample;
 use zenoh::shm::{AllocAlignment, BlockOn, GarbageCollect, PosixShmProviderBackend, ShmProvider, ShmProviderBuilder};
 use zenoh::{Config, Session, Wait};
-use zerocopy::FromBytes;
 
 /// Frames that the shared memory has room for.
 const FRAMES_MAX: usize = 16;
@@ -52,7 +51,11 @@ fn config(part: &Part) -> String {
         let path = part.folder.join(format!("{}.zenoh", role.name()));
         format!("\"unixsock-stream/{}\"", path.display())
     };
-    let before: Vec<String> = ROLES.iter().take_while(|role| **role != part.role).map(endpoint).collect();
+    let before: Vec<String> = ROLES
+        .iter()
+        .take_while(|role| **role != part.role)
+        .map(endpoint)
+        .collect();
     format!(
         "{{ mode: \"peer\", listen: {{ endpoints: [{}] }}, connect: {{ endpoints: [{}], retry: {{ period_init_ms: 50, \
          period_max_ms: 200 }} }}, scouting: {{ multicast: {{ enabled: false }}, gossip: {{ enabled: false }} }}, \
@@ -90,7 +93,8 @@ impl Zenoh {
 
 impl Transport for Zenoh {
     fn source(&self) -> Outcome<SourceEnds> {
-        let backend = PosixShmProviderBackend::builder(FRAMES_MAX * size_of::<Frame>());
+        let layout = (FRAMES_MAX * size_of::<Frame>(), AllocAlignment::for_type::<Frame>());
+        let backend = PosixShmProviderBackend::builder(layout);
         let memory = ShmProviderBuilder::backend(backend.wait().map_err(|error| error.to_string())?).wait();
         Ok(SourceEnds {
             wheel: self.writer("wheel")?,
