@@ -1,6 +1,7 @@
 //! What the benches share: the report, the machine, a system of their own, and the rover's day as input.
 
 pub mod chaos;
+pub mod compare;
 mod day;
 mod machine;
 mod report;

@@ -19,6 +19,9 @@ pub struct Options {
     /// Also writes the rows to this file; those of other benches of the same machine stay in it.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Also writes what is printed to this file.
+    #[arg(long, value_name = "FILE")]
+    markdown: Option<PathBuf>,
     /// Cargo says so.
     #[arg(long, hide = true)]
     bench: bool,
@@ -42,6 +45,7 @@ pub struct Series {
     name: String,
     floor: Option<String>,
     rounds: Vec<Histogram<u64>>,
+    lost: Option<Vec<u64>>,
 }
 
 impl Series {
@@ -52,6 +56,7 @@ impl Series {
             name: name.into(),
             floor: None,
             rounds: Vec::new(),
+            lost: None,
         }
     }
 
@@ -67,6 +72,32 @@ impl Series {
     /// Begins a round.
     pub fn begin_round(&mut self) {
         self.rounds.push(empty());
+        self.lost.iter_mut().for_each(|lost| lost.push(0));
+    }
+
+    /// Adds so many that never came to this round. A series is asked before its first round whether it counts them.
+    pub fn lose(&mut self, count: u64) {
+        let lost = self.lost.get_or_insert_default();
+        lost.resize(self.rounds.len().max(1), 0);
+        lost.iter_mut().next_back().into_iter().for_each(|last| *last += count);
+    }
+
+    /// The name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Each round as a series of its own.
+    #[must_use]
+    pub fn each_round(&self) -> Vec<Self> {
+        let single = |(index, round): (usize, &Histogram<u64>)| Self {
+            name: format!("{}, round {}", self.name, index + 1),
+            floor: None,
+            rounds: vec![round.clone()],
+            lost: self.lost.as_ref().map(|lost| vec![lost[index]]),
+        };
+        self.rounds.iter().enumerate().map(single).collect()
     }
 
     /// Adds a time to this round.
@@ -81,7 +112,20 @@ impl Series {
     /// The median of all rounds [µs].
     #[must_use]
     pub fn p50_us(&self) -> f64 {
-        micro(self.all().value_at_quantile(0.5))
+        self.quantile_us(0.5)
+    }
+
+    /// Any quantile of all rounds [µs].
+    #[must_use]
+    pub fn quantile_us(&self, quantile: f64) -> f64 {
+        micro(self.all().value_at_quantile(quantile))
+    }
+
+    /// The median of each round [µs]; `None` where nothing came.
+    #[must_use]
+    pub fn p50_of_rounds_us(&self) -> Vec<Option<f64>> {
+        let median = |round: &Histogram<u64>| (!round.is_empty()).then(|| micro(round.value_at_quantile(0.5)));
+        self.rounds.iter().map(median).collect()
     }
 
     fn all(&self) -> Histogram<u64> {
@@ -98,7 +142,9 @@ impl Series {
         let medians: Vec<f64> = filled(&self.rounds)
             .map(|round| micro(round.value_at_quantile(0.5)))
             .collect();
-        let floor = among.iter().find(|other| Some(&other.name) == self.floor.as_ref());
+        let floor = among
+            .iter()
+            .find(|other| Some(&other.name) == self.floor.as_ref() && !medians.is_empty());
         let ratios: Vec<f64> = floor.map_or_else(Vec::new, |floor| {
             let pairs = filled(&self.rounds).zip(filled(&floor.rounds));
             pairs
@@ -115,6 +161,7 @@ impl Series {
             p99: at(0.99),
             p999: at(0.999),
             max: micro(all.max()),
+            lost: self.lost.as_ref().map(|lost| lost.iter().sum()),
             rounds: medians.len(),
             p50_of_rounds: range(&medians),
             floor: self.floor.clone(),
@@ -153,6 +200,9 @@ struct Row {
     p99: f64,
     p999: f64,
     max: f64,
+    /// What never came.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    lost: Option<u64>,
     rounds: usize,
     /// Lowest and highest median of a round.
     p50_of_rounds: Option<[f64; 2]>,
@@ -164,9 +214,19 @@ struct Row {
 }
 
 impl Row {
-    const HEADS: [&str; 8] = ["µs", "n", "p50", "p99", "p99.9", "max", "p50 of rounds", "to floor"];
+    const HEADS: [&str; 9] = [
+        "µs",
+        "n",
+        "p50",
+        "p99",
+        "p99.9",
+        "max",
+        "lost",
+        "p50 of rounds",
+        "to floor",
+    ];
 
-    fn cells(&self) -> [String; 8] {
+    fn cells(&self) -> [String; 9] {
         let between =
             |range: Option<[f64; 2]>| range.map_or_else(String::new, |[low, high]| format!("{low:.2}–{high:.2}"));
         let ratio = self.ratio_to_floor.map_or_else(String::new, |ratio| {
@@ -180,7 +240,8 @@ impl Row {
             time(self.p99),
             time(self.p999),
             time(self.max),
-            between(self.p50_of_rounds),
+            self.lost.map_or_else(String::new, |lost| lost.to_string()),
+            between(self.p50_of_rounds.filter(|_| self.rounds > 1)),
             ratio,
         ]
     }
@@ -192,6 +253,8 @@ pub struct Report {
     bench: &'static str,
     machine: Machine,
     json: Option<PathBuf>,
+    markdown: Option<PathBuf>,
+    text: String,
     rows: Vec<Row>,
     notes: Vec<String>,
 }
@@ -201,14 +264,16 @@ impl Report {
     #[must_use]
     pub fn begin(bench: &'static str, options: &Options) -> Self {
         let machine = Machine::here();
-        println!("{bench}: {machine}");
         let mut report = Self {
             bench,
-            machine,
             json: options.json.clone(),
+            markdown: options.markdown.clone(),
+            text: String::new(),
             rows: Vec::new(),
             notes: Vec::new(),
+            machine,
         };
+        report.print(&format!("{bench}: {}", report.machine));
         report.note(format!("Load before: {}.", Machine::load()));
         report
     }
@@ -216,22 +281,30 @@ impl Report {
     /// Prints a table.
     pub fn table(&mut self, title: &str, series: &[Series]) {
         let rows: Vec<Row> = series.iter().map(|each| each.row(self.bench, title, series)).collect();
-        println!("\n{title}\n");
-        print!("{}", markdown(&rows));
+        self.print(&format!("\n{title}\n\n{}", markdown(&rows).trim_end()));
         self.rows.extend(rows);
     }
 
     /// Prints a sentence.
     pub fn note(&mut self, text: String) {
-        println!("{text}");
+        self.print(&text);
         self.notes.push(text);
     }
 
-    /// Ends the report: writes the file, where one is wanted.
+    fn print(&mut self, text: &str) {
+        println!("{text}");
+        self.text += text;
+        self.text.push('\n');
+    }
+
+    /// Ends the report: writes the files that are wanted.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// A file cannot be written.
     pub fn end(self) -> Outcome<()> {
+        if let Some(path) = &self.markdown {
+            std::fs::write(path, &self.text).map_err(|error| format!("{}: {error}", path.display()))?;
+        }
         let Some(path) = &self.json else { return Ok(()) };
         let machine = serde_json::to_value(&self.machine)?;
         let before: Value =
@@ -259,18 +332,24 @@ impl Report {
     }
 }
 
-/// The rows, the columns aligned.
+/// The rows, the columns aligned, those left out that are empty.
 fn markdown(rows: &[Row]) -> String {
-    let cells: Vec<[String; 8]> = std::iter::once(Row::HEADS.map(str::to_owned))
-        .chain(rows.iter().map(Row::cells))
+    let all: Vec<[String; 9]> = rows.iter().map(Row::cells).collect();
+    let used: Vec<usize> = (0..Row::HEADS.len())
+        .filter(|column| all.iter().any(|row| !row[*column].is_empty()))
+        .collect();
+    let heads = Row::HEADS.map(str::to_owned);
+    let cells: Vec<Vec<&String>> = std::iter::once(&heads)
+        .chain(&all)
+        .map(|row| used.iter().map(|column| &row[*column]).collect())
         .collect();
     let width = |column: usize| cells.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
-    let widths: [usize; 8] = std::array::from_fn(width);
+    let widths: Vec<usize> = (0..used.len()).map(width).collect();
     let mut text = String::new();
     for (index, row) in cells.iter().enumerate() {
         let padded = row
             .iter()
-            .zip(widths)
+            .zip(&widths)
             .enumerate()
             .map(|(column, (cell, width))| match column {
                 0 => format!("{cell:<width$}"),

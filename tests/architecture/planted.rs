@@ -129,6 +129,29 @@ fn a_service_that_depends_on_iceoryx2_is_told() {
 }
 
 #[test]
+fn only_the_bench_may_compare_itself_with_iceoryx2_and_only_where_nothing_is_built_on_it() {
+    let manifest = sound()
+        .text(MANIFEST)
+        .replace("[dependencies]\nshell", "[dev-dependencies]\niceoryx2");
+    let here = sound().with(MANIFEST, &manifest);
+    assert_told(
+        &here,
+        "services/sinkage/Cargo.toml:5: only shared/shell depends on iceoryx2",
+    );
+    let manifest = manifest.replace("name = \"sinkage\"", "name = \"bench\"");
+    let manifest = manifest.replace("terrasense-sinkage", "bench");
+    let tree = sound().changed("README.md", "Code map: ", "Code map: bench, ");
+    assert_eq!(check(&tree.clone().with("bench/Cargo.toml", &manifest)).len(), 0);
+    assert_told(
+        &tree.with(
+            "bench/Cargo.toml",
+            &manifest.replace("dev-dependencies", "dependencies"),
+        ),
+        "bench/Cargo.toml:5: only shared/shell depends on iceoryx2",
+    );
+}
+
+#[test]
 fn another_version_of_iceoryx2_is_told() {
     let tree = sound().changed("Cargo.toml", "=0.10.0", "0.10.0");
     assert_told(&tree, "Cargo.toml:3: pin it to \"=0.10.0\"");
