@@ -15,6 +15,7 @@ use pyo3::types::PyBytes;
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
+use zerocopy::FromBytes;
 
 /// How long a look for an event takes at the most [s]: the node has no way to look without waiting.
 const LOOK_S: f64 = 0.001;
@@ -65,9 +66,12 @@ impl Stream {
                 return Ok(None);
             }
             let bytes = event.get_item("value")?.call_method0("buffers")?.get_item(1)?;
-            let bytes = PyBuffer::<u8>::get(&bytes)?;
+            // Arrow says that its bytes have a sign.
+            let bytes = PyBuffer::<i8>::get(&bytes)?;
             let length = bytes.len_bytes();
-            bytes.copy_to_slice(python, place.get_mut(..length).ok_or("a sample that is too long")?)?;
+            let place = place.get_mut(..length).ok_or("a sample that is too long")?;
+            let place = <[i8]>::mut_from_bytes(place).map_err(|_| "no bytes")?;
+            bytes.copy_to_slice(python, place)?;
             Ok(Some((event.get_item("id")?.extract()?, length)))
         })
     }

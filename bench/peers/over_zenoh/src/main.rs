@@ -59,7 +59,7 @@ fn config(part: &Part) -> String {
     format!(
         "{{ mode: \"peer\", listen: {{ endpoints: [{}] }}, connect: {{ endpoints: [{}], retry: {{ period_init_ms: 50, \
          period_max_ms: 200 }} }}, scouting: {{ multicast: {{ enabled: false }}, gossip: {{ enabled: false }} }}, \
-         transport: {{ shared_memory: {{ enabled: true }} }} }}",
+         transport: {{ shared_memory: {{ enabled: true, mode: \"init\" }} }} }}",
         endpoint(&part.role),
         before.join(", ")
     )
