@@ -22,6 +22,8 @@ pub struct Watch {
     pub lost: u64,
     /// Samples that answer an input which could not be used.
     pub bad: u64,
+    /// Cycles that were later than their deadline with a sample of this wire, and not before; see [`crate::deadline`].
+    pub missed: u64,
     /// The recording is over.
     pub ended: bool,
     /// When the last sample was sent; 0 before the first.
@@ -41,12 +43,13 @@ impl Default for Watch {
             published: 0,
             lost: 0,
             bad: 0,
+            missed: 0,
             ended: false,
             last_ns: 0,
             generation: 0,
             sent: vec![(u64::MAX, 0); CYCLES_REMEMBERED],
-            arrivals: VecDeque::with_capacity(CYCLES_REMEMBERED),
-            latencies: VecDeque::with_capacity(LATENCIES_REMEMBERED),
+            arrivals: touched(CYCLES_REMEMBERED),
+            latencies: touched(LATENCIES_REMEMBERED),
             sequence: None,
         }
     }
@@ -132,6 +135,13 @@ impl Watch {
         }
         histogram
     }
+}
+
+/// An empty queue for so many numbers, in memory that is there already: no page has to be fetched for it later.
+fn touched(capacity: usize) -> VecDeque<u64> {
+    let mut queue = VecDeque::from(vec![u64::MAX; capacity]);
+    queue.clear();
+    queue
 }
 
 fn place(sequence: u64) -> usize {
