@@ -41,8 +41,17 @@ impl Demand {
 
 impl fmt::Display for Demand {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { service, minor_faults, major_faults, data_kib, .. } = self;
-        write!(formatter, "{service}: {minor_faults} minor and {major_faults} major faults, {data_kib} KiB")
+        let Self {
+            service,
+            minor_faults,
+            major_faults,
+            data_kib,
+            ..
+        } = self;
+        write!(
+            formatter,
+            "{service}: {minor_faults} minor and {major_faults} major faults, {data_kib} KiB"
+        )
     }
 }
 
@@ -61,6 +70,12 @@ fn once_it_is_warm_no_cycle_costs_a_page_fault_or_memory() {
     let warm = demands_after(&mut rover, WARM_UP_CYCLES);
     let later = demands_after(&mut rover, CYCLES);
     let told = |demands: &[Demand]| demands.iter().map(Demand::to_string).collect::<Vec<_>>().join("\n");
-    assert_eq!(warm, later, "in {CYCLES} cycles, before\n{}\nand after\n{}", told(&warm), told(&later));
+    assert_eq!(
+        warm,
+        later,
+        "in {CYCLES} cycles, before\n{}\nand after\n{}",
+        told(&warm),
+        told(&later)
+    );
     assert_eq!(rover.down(), Some(0), "{}", rover.log());
 }

@@ -24,7 +24,10 @@ const WIRES: [(&str, Port); 4] = [
 
 fn main() -> ExitCode {
     // The launcher starts a service with the system file and its name; cargo starts a test with neither.
-    if std::env::args().nth(1).is_some_and(|argument| argument.ends_with(".toml")) {
+    if std::env::args()
+        .nth(1)
+        .is_some_and(|argument| argument.ends_with(".toml"))
+    {
         return shell::main(service);
     }
     for (stage, run) in [
@@ -33,7 +36,10 @@ fn main() -> ExitCode {
         ("source", ticks),
     ] {
         let [once, twice] = [CYCLES, 2 * CYCLES].map(|cycles| Stand::allocations(stage, cycles, run));
-        assert_eq!(once, twice, "allocations of `{stage}` in {CYCLES} cycles, and in twice as many");
+        assert_eq!(
+            once, twice,
+            "allocations of `{stage}` in {CYCLES} cycles, and in twice as many"
+        );
         println!("{stage}: {once} allocations in {CYCLES} cycles, and in twice as many");
     }
     ExitCode::SUCCESS
@@ -178,11 +184,16 @@ fn cycle(sequence: u64) -> Header {
 }
 
 fn answer<T: Message>(tap: &Tap<T>, sequence: u64) {
-    until("answered", || tap.poll(|sample| sample.header().sequence).unwrap() == Some(sequence));
+    until("answered", || {
+        tap.poll(|sample| sample.header().sequence).unwrap() == Some(sequence)
+    });
 }
 
 fn frames(stand: &Stand, cycles: u64) {
-    let (output, tap) = (stand.output::<Frame>("frames"), Tap::<Sinkage>::open(&stand.domain, "sinkage").unwrap());
+    let (output, tap) = (
+        stand.output::<Frame>("frames"),
+        Tap::<Sinkage>::open(&stand.domain, "sinkage").unwrap(),
+    );
     stand.connected(0, Role::Reader);
     stand.connected(2, Role::Writer);
     for sequence in 1..=cycles {
