@@ -6,6 +6,7 @@ mod chaos;
 mod conformance;
 mod hostile;
 mod layout;
+mod placement;
 mod privacy;
 mod recording;
 mod refusal;

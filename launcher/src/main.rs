@@ -10,6 +10,7 @@ mod doctor;
 mod figures;
 mod overlay;
 mod perspective;
+mod placement;
 mod plots;
 mod policy;
 mod privacy;

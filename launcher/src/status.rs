@@ -1,6 +1,7 @@
 //! `status`: how a running system is doing.
 
 use crate::commands::listen;
+use crate::placement::Placement;
 use crate::root;
 use clap::Args;
 use messages::{Message, SERVICES_MAX, ServiceState, Supervision, label_text};
@@ -50,6 +51,8 @@ pub struct Row {
     pub latency_p50_us: f64,
     /// The same, 99th percentile [µs].
     pub latency_p99_us: f64,
+    /// Where and how it runs; `null` where it does not.
+    pub placement: Option<Placement>,
 }
 
 /// Prints the table of a running system.
@@ -105,6 +108,7 @@ pub fn rows(table: &Supervision) -> Vec<Row> {
         missed: table.missed[index],
         latency_p50_us: table.latency_p50_ns[index] as f64 / 1000.0,
         latency_p99_us: table.latency_p99_ns[index] as f64 / 1000.0,
+        placement: Placement::of(table.pid[index]),
     };
     (0..count).map(row).collect()
 }
@@ -113,13 +117,23 @@ pub fn rows(table: &Supervision) -> Vec<Row> {
 #[must_use]
 pub fn table(rows: &[Row]) -> String {
     let mut text = format!(
-        "{:<16} {:>8} {:<9} {:>8} {:>9} {:>9} {:>6} {:>8} {:>6} {:>16}",
-        "service", "pid", "state", "restarts", "rate Hz", "published", "lost", "rejected", "missed", "p50/p99 µs"
+        "{:<16} {:>8} {:<9} {:>8} {:>9} {:>9} {:>6} {:>8} {:>6} {:>16}  {}",
+        "service",
+        "pid",
+        "state",
+        "restarts",
+        "rate Hz",
+        "published",
+        "lost",
+        "rejected",
+        "missed",
+        "p50/p99 µs",
+        "runs on"
     );
     for row in rows {
         let latency = format!("{:.0}/{:.0}", row.latency_p50_us, row.latency_p99_us);
         text += &format!(
-            "\n{:<16} {:>8} {:<9} {:>8} {:>9.1} {:>9} {:>6} {:>8} {:>6} {:>16}",
+            "\n{:<16} {:>8} {:<9} {:>8} {:>9.1} {:>9} {:>6} {:>8} {:>6} {:>16}  {}",
             row.service,
             row.pid,
             row.state,
@@ -129,7 +143,8 @@ pub fn table(rows: &[Row]) -> String {
             row.lost,
             row.rejected,
             row.missed,
-            if row.latency_p50_us > 0.0 { latency } else { "-".into() }
+            if row.latency_p50_us > 0.0 { latency } else { "-".into() },
+            row.placement.as_ref().map_or("-".into(), ToString::to_string)
         );
     }
     text

@@ -10,7 +10,9 @@
 Needs Python 3.11 and the package iceoryx2, version 0.10.0.
 """
 
+import ctypes
 import mmap
+import os
 import signal
 import struct
 import sys
@@ -70,6 +72,7 @@ class Shell:
             signal.signal(number, self._stop)
         generation = self.root / f"{name}.generation"
         self.generation = int(generation.read_text()) if generation.exists() else 0
+        self._place(name)
         self.node = self._enter(f"terrasense-{system}-", name)
 
     def config(self, **defaults):
@@ -112,6 +115,21 @@ class Shell:
             return self.table[kind][port]
         except KeyError:
             raise Failure(EXIT_CONFIG, f"needs a wire for its port {port}: {kind} = {{ {port} = … }}") from None
+
+    def _place(self, name):
+        """Asks the machine for what the table says: processors, priority, memory that stays."""
+        asked = {
+            "cpus": lambda cpus: os.sched_setaffinity(0, cpus),
+            "sched": lambda sched: os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(sched["fifo"])),
+            "lock_memory": lambda lock: lock_memory() if lock else None,
+        }
+        for key in asked.keys() & self.table.keys():
+            try:
+                asked[key](self.table[key])
+            except OSError as error:
+                if self.table.get("on_refusal") == "refuse":
+                    raise Failure(EXIT_CONFIG, f"{key}: {error}") from None
+                print(f"service {name}: {key}: {error}; it goes on without", file=sys.stderr)
 
     def _stop(self, *_):
         self.stopping = True
@@ -385,6 +403,14 @@ class Journal:
 
     def _set_word(self, index, value):
         struct.pack_into("<Q", self.memory, 8 * index, value)
+
+
+def lock_memory():
+    """Keeps what has been touched from being paged out."""
+    current, future, on_fault = 1, 2, 4
+    if ctypes.CDLL(None, use_errno=True).mlockall(current | future | on_fault) != 0:
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))
 
 
 def repeats(header, before):

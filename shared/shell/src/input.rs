@@ -1,11 +1,11 @@
 //! Wires that this service reads: the one whose samples trigger it, and those that it observes.
 
+use crate::bell::Ear;
 use crate::checkpoint::OBSERVED_MAX;
 use crate::journal::{Journal, repeats};
 use crate::termination::Termination;
 use crate::wire::Domain;
 use crate::{Error, Mode, now_ns};
-use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 use iceoryx2::service::port_factory::subscriber::PortFactorySubscriber;
@@ -38,7 +38,7 @@ type Sample<T> = iceoryx2::sample::Sample<ipc::Service, T, ()>;
 #[derive(Debug)]
 struct Reader<T: Message> {
     subscriber: Subscriber<ipc::Service, T, ()>,
-    listener: Listener<ipc::Service>,
+    ear: Ear,
     journal: Option<Journal>,
     /// Number, in the journal, of the sample that comes next.
     next: u64,
@@ -84,14 +84,9 @@ impl<T: Message> Reader<T> {
         let subscriber = set(opened.samples.subscriber_builder())
             .create()
             .map_err(|error| failed(&error))?;
-        let listener = opened
-            .bell
-            .listener_builder()
-            .create()
-            .map_err(|error| failed(&error))?;
         Ok(Self {
             subscriber,
-            listener,
+            ear: Ear::new(opened.bell, opened.event),
             journal: opened.journal,
             next: 0,
             held: None,
@@ -129,9 +124,15 @@ impl<T: Message> Reader<T> {
 
     /// What the wire itself brings.
     fn take(&self) -> Result<Option<Sample<T>>, Error> {
-        self.subscriber
+        self.ear.prick();
+        let sample = self
+            .subscriber
             .receive()
-            .map_err(|error| Error::internal(format!("cannot read wire {}: {error:?}", self.wire)))
+            .map_err(|error| Error::internal(format!("cannot read wire {}: {error:?}", self.wire)))?;
+        if sample.is_some() {
+            self.ear.note_found();
+        }
+        Ok(sample)
     }
 
     /// The next sample of the journal, unless it is the one that the wire has `brought`.
@@ -187,14 +188,9 @@ impl<T: Message> Reader<T> {
         } else {
             REPLAY_WAIT_MAX
         };
-        match self.listener.timed_wait(|_| (), longest) {
-            // A signal ends the wait: the caller looks at why it woke.
-            Ok(_) | Err(ListenerWaitError::InterruptSignal) => Ok(()),
-            Err(error) => Err(Error::internal(format!(
-                "cannot wait for wire {}: {error:?}",
-                self.wire
-            ))),
-        }
+        self.ear
+            .wait(longest)
+            .map_err(|error| Error::internal(format!("cannot wait for wire {}: {error}", self.wire)))
     }
 
     /// Whether the sample can be believed as far as its status goes; the first one that cannot is told of.

@@ -23,6 +23,7 @@
 //! }
 //! ```
 
+mod bell;
 mod checkpoint;
 mod clock;
 mod error;
@@ -30,6 +31,7 @@ mod input;
 mod journal;
 mod memory;
 mod output;
+mod placement;
 mod process;
 mod system_file;
 mod termination;
@@ -39,6 +41,7 @@ pub use clock::{now_ns, sleep_until};
 pub use error::Error;
 pub use input::{Input, Observation, Tap};
 pub use output::Output;
+pub use placement::{Cpus, OnRefusal, Priority, Sched};
 pub use process::{bind_to_parent, harden_descriptors, wake_when_children_end};
 pub use system_file::{Mode, Restart, ServiceTable, SystemFile, SystemTable};
 pub use termination::Termination;
@@ -377,6 +380,7 @@ impl Shell {
             return Err(Error::checked());
         }
         if self.domain.is_none() {
+            placement::apply(&self.system, &self.name)?;
             self.domain = Some(Domain::enter(&self.system, &self.name)?);
         }
         self.domain.as_ref().ok_or_else(|| Error::internal("no domain"))

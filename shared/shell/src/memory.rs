@@ -6,7 +6,7 @@ use rustix::io::Errno;
 use rustix::mm::{MapFlags, ProtFlags};
 use std::path::Path;
 use std::ptr::NonNull;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
 /// Bytes of a word.
 pub(crate) const WORD: usize = size_of::<u64>();
@@ -83,6 +83,16 @@ impl Memory {
         #[allow(unsafe_code)]
         unsafe {
             std::slice::from_raw_parts(self.start.as_ptr(), self.count)
+        }
+    }
+
+    /// The first four bytes of a word, which is then never used as a whole: the kernel sleeps on four bytes.
+    pub(crate) fn half_word(&self, index: usize) -> &AtomicU32 {
+        let word: *const AtomicU64 = &raw const self.words()[index];
+        // SAFETY: the first half of a word is aligned, stays mapped for as long as `self` is borrowed, and any bytes are valid.
+        #[allow(unsafe_code)]
+        unsafe {
+            &*word.cast()
         }
     }
 }

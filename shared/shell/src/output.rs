@@ -1,10 +1,10 @@
-//! A wire that this service writes: in its journal first, then to its readers, then the bell.
+//! A wire that this service writes: in its journal first, then to its readers, then the bells.
 
+use crate::bell::Ringer;
 use crate::journal::{Journal, repeats};
 use crate::termination::Termination;
-use crate::wire::{Domain, ring};
+use crate::wire::Domain;
 use crate::{Error, Mode, now_ns, sleep_until};
-use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::{BackpressureAction, BackpressureInfo};
 use iceoryx2::prelude::{BackpressureStrategy, ipc};
@@ -152,11 +152,11 @@ impl<T: Message> Output<T> {
     }
 }
 
-/// One wire's publisher, bell and journal.
+/// One wire's publisher, bells and journal.
 #[derive(Debug)]
 struct Writer<T: Message> {
     publisher: Publisher<ipc::Service, T, ()>,
-    bell: Notifier<ipc::Service>,
+    ringer: Ringer,
     journal: Option<Journal>,
     wire: String,
 }
@@ -178,15 +178,10 @@ impl<T: Message> Writer<T> {
             }),
         };
         let publisher = builder.create().map_err(|error| failed(&error))?;
-        let bell = opened
-            .bell
-            .notifier_builder()
-            .default_event_id(ring())
-            .create()
-            .map_err(|error| failed(&error))?;
+        let ringer = Ringer::new(opened.bell, &opened.event).map_err(|error| failed(&error))?;
         Ok(Self {
             publisher,
-            bell,
+            ringer,
             journal: opened.journal,
             wire: wire.into(),
         })
@@ -229,7 +224,7 @@ impl<T: Message> Writer<T> {
         let loan = unsafe { loan.assume_init() };
         loan.send().map_err(|error| self.failed(&error))?;
         self.journal.iter().for_each(Journal::note_sent);
-        self.bell.notify().map(|_| ()).map_err(|error| self.failed(&error))
+        self.ringer.ring().map_err(|error| self.failed(&error))
     }
 
     fn failed(&self, what: &dyn std::fmt::Debug) -> Error {

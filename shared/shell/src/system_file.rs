@@ -1,6 +1,7 @@
 //! The system file: the whole process set on one page, as TOML.
 
 use crate::Error;
+use crate::placement::{Cpus, OnRefusal, Sched};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
@@ -83,6 +84,15 @@ pub struct ServiceTable {
     /// A service that has run for longer [ms] is started again at once; otherwise the pause doubles each time.
     #[serde(default = "default_minimum_run_ms")]
     pub minimum_run_ms: Spanned<u64>,
+    /// The processors it runs on. Absent: any.
+    pub cpus: Option<Spanned<Cpus>>,
+    /// How the kernel chooses it among other processes. Absent: as it does the launcher.
+    pub sched: Option<Spanned<Sched>>,
+    /// Whether its memory is kept from being paged out.
+    pub lock_memory: Option<Spanned<bool>>,
+    /// What to do where the machine refuses one of these three.
+    #[serde(default)]
+    pub on_refusal: OnRefusal,
     /// The service's own table, in its own words.
     pub config: Option<Spanned<toml::Value>>,
 }

@@ -3,21 +3,20 @@
 //! The launcher creates the wires and holds them; services only open them, and insist on the layout's fingerprint.
 //! (A process that is killed while it creates a service would leave it unusable for good.)
 
+use crate::bell::{Bell, EventService, RING};
 use crate::journal::Journal;
 use crate::{Error, Mode, Output, SystemFile, Tap, Termination};
 use iceoryx2::node::{Node, NodeState, NodeView};
-use iceoryx2::prelude::{AttributeSpecifier, AttributeVerifier, Config, EventId, NodeBuilder, NodeName};
+use iceoryx2::prelude::{AttributeSpecifier, AttributeVerifier, Config, NodeBuilder, NodeName};
 use iceoryx2::prelude::{CallbackProgression, FileName, SemanticString, ServiceName, SignalHandlingMode, ipc};
 use iceoryx2::service::attribute::AttributeSet;
 use iceoryx2::service::builder::publish_subscribe::PublishSubscribeOpenError;
-use iceoryx2::service::port_factory::{PortFactory, event, publish_subscribe};
+use iceoryx2::service::port_factory::{PortFactory, publish_subscribe};
 use messages::{
     Field, Frame, Header, Message, Sinkage, Soil, Supervision, Terrain, TerrainClass, Vibration, Wheel, difference,
 };
 use std::path::PathBuf;
 
-/// The event that a writer rings after each sample.
-pub(crate) const RING: usize = 0;
 /// Frames that the camera keeps for a stage that comes back: a second and a half at 30 Hz, a quarter of one at 200 Hz.
 const FRAMES_KEPT: usize = 48;
 /// Readers of a wire at the most.
@@ -116,12 +115,12 @@ impl Port {
 }
 
 type SampleService<T> = publish_subscribe::PortFactory<ipc::Service, T, ()>;
-type BellService = event::PortFactory<ipc::Service>;
 
 /// A wire that this process has open.
 pub(crate) struct Wire<T: Message> {
     pub(crate) samples: SampleService<T>,
-    pub(crate) bell: BellService,
+    pub(crate) event: EventService,
+    pub(crate) bell: Bell,
     pub(crate) journal: Option<Journal>,
 }
 
@@ -294,7 +293,7 @@ impl Domain {
             .enable_safe_overflow(self.mode == Mode::Live)
             .create_with_attributes(&layout)
             .map_err(|error| failed(&error))?;
-        let bell = self
+        let event = self
             .node
             .service_builder(&name)
             .event()
@@ -304,11 +303,17 @@ impl Domain {
             .event_id_max_value(RING + 1)
             .create()
             .map_err(|error| failed(&error))?;
+        let bell = Bell::create(&Bell::path(&self.root, wire))?;
         // A replay neither restarts nor swaps.
         let journal = (journal > 0 && self.mode == Mode::Live)
             .then(|| Journal::create(&Journal::path(&self.root, wire), size_of::<T>(), journal))
             .transpose()?;
-        Ok(HeldWire(Box::new(Wire { samples, bell, journal })))
+        Ok(HeldWire(Box::new(Wire {
+            samples,
+            event,
+            bell,
+            journal,
+        })))
     }
 
     /// Opens a wire that the launcher holds.
@@ -345,14 +350,20 @@ impl Domain {
             }
             other => failed(&other),
         })?;
-        let bell = self
+        let event = self
             .node
             .service_builder(&name)
             .event()
             .open()
             .map_err(|error| failed(&error))?;
+        let bell = Bell::open(&Bell::path(&self.root, wire))?;
         let journal = Journal::open::<T>(&Journal::path(&self.root, wire))?;
-        Ok(Wire { samples, bell, journal })
+        Ok(Wire {
+            samples,
+            event,
+            bell,
+            journal,
+        })
     }
 
     fn fingerprint_of(&self, wire: &ServiceName) -> Option<String> {
@@ -452,18 +463,14 @@ impl<T: Message> Held for Wire<T> {
         self.samples
             .dynamic_config()
             .list_subscribers(|details| add(Role::Reader, &details.node_id));
-        self.bell
+        self.event
             .dynamic_config()
             .list_listeners(|details| add(Role::Listener, &details.node_id));
-        self.bell
+        self.event
             .dynamic_config()
             .list_notifiers(|details| add(Role::Ringer, &details.node_id));
         peers
     }
-}
-
-pub(crate) fn ring() -> EventId {
-    EventId::new(RING)
 }
 
 fn iceoryx2_config(system: &SystemFile) -> Result<Config, Error> {

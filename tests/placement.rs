@@ -1,0 +1,84 @@
+//! Where a service runs is asked for in its table, and shown by `status`.
+
+use crate::replacement::python_sinkage;
+use crate::rover::Rover;
+use serde_json::Value;
+
+/// The first processor that this process may run on.
+fn processor() -> usize {
+    let allowed = rustix::thread::sched_getaffinity(None).unwrap();
+    (0..rustix::thread::CpuSet::MAX_CPU)
+        .find(|cpu| allowed.is_set(*cpu))
+        .unwrap()
+}
+
+/// The built-in system with more lines in sinkage's table.
+fn sinkage_with(text: &str, lines: &str) -> String {
+    text.replace("[service.sinkage]\n", &format!("[service.sinkage]\n{lines}\n"))
+}
+
+fn cpus(row: &Value) -> &Value {
+    &row["placement"]["cpus"]
+}
+
+#[test]
+fn a_service_runs_on_the_processors_of_its_table() {
+    let processor = processor();
+    let mut rover = Rover::new(|text| sinkage_with(&text, &format!("cpus = [{processor}]")));
+    rover.up();
+    let rows = rover.rows();
+    let all = cpus(rows.iter().find(|row| row["service"] == "camera").unwrap());
+    for row in &rows {
+        let alone = row["service"] == "sinkage";
+        let expected = if alone {
+            &Value::from(processor.to_string())
+        } else {
+            all
+        };
+        assert_eq!(cpus(row), expected, "{row:#}");
+    }
+    assert_eq!(rover.down(), Some(0), "{}", rover.log());
+}
+
+#[test]
+fn what_the_machine_refuses_is_said_with_its_line_and_the_service_goes_on() {
+    let mut rover = Rover::new(|text| sinkage_with(&text, "cpus = [1023]"));
+    rover.up();
+    let log = rover.log();
+    assert!(log.contains(".toml:22: processor 1023"), "{log}");
+    assert_eq!(rover.down(), Some(0), "{log}");
+}
+
+#[test]
+fn what_the_machine_refuses_ends_a_service_that_insists_and_is_not_tried_again() {
+    let mut rover = Rover::new(|text| sinkage_with(&text, "cpus = [1023]\non_refusal = \"refuse\""));
+    rover.start();
+    rover.until("sinkage is given up", |rows| {
+        rows.iter()
+            .any(|row| row["service"] == "sinkage" && row["state"] == "given_up" && row["restarts"] == 0)
+    });
+    assert!(rover.log().contains("processor 1023"), "{}", rover.log());
+    rover.down();
+    assert_eq!(rover.traces(), [""; 0]);
+}
+
+#[test]
+#[cfg_attr(
+    not(python_peer),
+    ignore = "needs iceoryx2 for Python: python3 -m venv target/peer && target/peer/bin/pip install -r tests/peers/requirements.txt"
+)]
+fn a_service_in_python_runs_where_it_is_told_too() {
+    let processor = processor();
+    let exec = format!("exec = {:?}", python_sinkage());
+    let mut rover = Rover::new(|text| {
+        let text = sinkage_with(&text, &format!("cpus = [{processor}]\nsched = {{ fifo = 5 }}"));
+        text.replace("exec = [\"terrasense-sinkage\"]", &exec)
+    });
+    rover.up();
+    let row = rover.row("sinkage");
+    assert_eq!(cpus(&row), &Value::from(processor.to_string()), "{row:#}");
+    // A machine may forbid priorities: then it is said.
+    let is_first = row["placement"]["sched"] == "fifo 5";
+    assert!(is_first || rover.log().contains("sched"), "{row:#} {}", rover.log());
+    assert_eq!(rover.down(), Some(0), "{}", rover.log());
+}
