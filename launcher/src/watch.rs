@@ -48,8 +48,8 @@ impl Default for Watch {
             last_ns: 0,
             generation: 0,
             sent: vec![(u64::MAX, 0); CYCLES_REMEMBERED],
-            arrivals: touched(CYCLES_REMEMBERED),
-            latencies: touched(LATENCIES_REMEMBERED),
+            arrivals: VecDeque::with_capacity(CYCLES_REMEMBERED),
+            latencies: VecDeque::with_capacity(LATENCIES_REMEMBERED),
             sequence: None,
         }
     }
@@ -135,13 +135,6 @@ impl Watch {
         }
         histogram
     }
-}
-
-/// An empty queue for so many numbers, in memory that is there already: no page has to be fetched for it later.
-fn touched(capacity: usize) -> VecDeque<u64> {
-    let mut queue = VecDeque::from(vec![u64::MAX; capacity]);
-    queue.clear();
-    queue
 }
 
 fn place(sequence: u64) -> usize {
