@@ -1,16 +1,17 @@
 //! What more wheels, more frames and larger frames cost: processor time of the services and latency of the cycle, with the
 //! growth fitted to them.
 
-use bench::{Options, Outcome, Processes, Report, Series, cpu_ns, exponent};
+use bench::{Day, Options, Outcome, Processes, Report, Series, cpu_ns, exponent};
 use clap::Parser;
-use messages::{Frame, Header, Message, Status, Terrain};
+use messages::{Frame, Header, Message, Status, Terrain, Vibration, Wheel};
 use serde::Deserialize;
 use shell::{Domain, Error, Shell, Tap, Termination, now_ns, sleep_until};
 use simulation::Rover;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
+use std::path::Path;
 use std::process::ExitCode;
-use zerocopy::FromZeros;
+use zerocopy::{FromZeros, IntoBytes};
 
 /// Rounds, in each of which every variant has its turn.
 const ROUNDS: usize = 3;
@@ -26,6 +27,9 @@ const LOOK_NS: u64 = 2_000_000;
 const DRAIN_NS: u64 = 500_000_000;
 /// Pictures that a source has, made beforehand, from all over the route.
 const PICTURES: usize = 64;
+/// Between two readings of the wheel, and between two pieces of vibration [ns].
+const READING_NS: u64 = 10_000_000;
+const PIECE_NS: u64 = 100_000_000;
 
 const WHEELS: [usize; 4] = [1, 2, 4, 6];
 const RATES_HZ: [f64; 6] = [10.0, 30.0, 100.0, 200.0, 500.0, 1000.0];
@@ -106,6 +110,12 @@ fn bench(options: &Options) -> Outcome<()> {
     let mut report = Report::begin("scale", options);
     let measured_ns = options.amount(MEASURED_MS) as u64 * 1_000_000;
     let axes = axes();
+    // The simulated rover costs more than the stages: what its sensors deliver is made before.
+    let folder = tempfile::tempdir()?;
+    let day = Day::new();
+    std::fs::write(folder.path().join("wheel"), day.wheel.as_bytes())?;
+    std::fs::write(folder.path().join("vibration"), day.vibration.as_bytes())?;
+    drop(day);
     // A variant that stands in two tables is measured once.
     let mut all: Vec<Variant> = Vec::new();
     for (_, _, variant) in axes.iter().flat_map(|axis| &axis.variants) {
@@ -116,7 +126,7 @@ fn bench(options: &Options) -> Outcome<()> {
     let mut rounds: Vec<Vec<Seen>> = all.iter().map(|_| Vec::new()).collect();
     for _ in 0..ROUNDS {
         for (variant, rounds) in all.iter().zip(&mut rounds) {
-            rounds.push(measure(variant, measured_ns, &termination)?);
+            rounds.push(measure(variant, folder.path(), measured_ns, &termination)?);
         }
     }
     for axis in &axes {
@@ -218,12 +228,12 @@ impl Seen {
 const LAUNCHER: &str = "launcher";
 
 /// Runs a system of this size for a while.
-fn measure(variant: &Variant, measured_ns: u64, termination: &Termination) -> Outcome<Seen> {
-    let system = Processes::start(&system_file(variant)?, termination)?;
+fn measure(variant: &Variant, folder: &Path, measured_ns: u64, termination: &Termination) -> Outcome<Seen> {
+    let system = Processes::start(&system_file(variant, folder)?, termination)?;
     let warm_up_s = (WARM_UP_FRAMES / variant.rate_hz).clamp(WARM_UP_MIN_S, WARM_UP_MAX_S);
     sleep_until(now_ns() + (warm_up_s * 1e9) as u64);
     let domain = system.enter()?;
-    let wires = (0..variant.wheels).map(|wheel| Wheel::open(&domain, wheel));
+    let wires = (0..variant.wheels).map(|wheel| Ends::open(&domain, wheel));
     let mut wheels = wires.collect::<Outcome<Vec<_>>>()?;
     let (before, begun_ns) = (used(&system)?, now_ns());
     look_until(&mut wheels, begun_ns + measured_ns, termination)?;
@@ -265,14 +275,14 @@ fn used(system: &Processes) -> Outcome<Vec<(String, u64)>> {
 }
 
 /// The two ends of one wheel's cycles.
-struct Wheel {
+struct Ends {
     frames: Tap<Frame>,
     terrain: Tap<Terrain>,
     frames_ns: BTreeMap<u64, u64>,
     terrain_ns: BTreeMap<u64, u64>,
 }
 
-impl Wheel {
+impl Ends {
     fn open(domain: &Domain, wheel: usize) -> Outcome<Self> {
         Ok(Self {
             terrain: Tap::open(domain, &format!("wheel{wheel}/terrain"))?,
@@ -284,7 +294,7 @@ impl Wheel {
     }
 }
 
-fn look_until(wheels: &mut [Wheel], until_ns: u64, termination: &Termination) -> Outcome<()> {
+fn look_until(wheels: &mut [Ends], until_ns: u64, termination: &Termination) -> Outcome<()> {
     while now_ns() < until_ns {
         if termination.requested() {
             return Err("told to end".into());
@@ -307,10 +317,11 @@ fn drain<T: Message>(tap: &Tap<T>, seen: &mut BTreeMap<u64, u64>) -> Result<(), 
 }
 
 /// The rover of this size: for each wheel a source of frames and all stages; what shakes the body is there once.
-fn system_file(variant: &Variant) -> Outcome<String> {
+fn system_file(variant: &Variant, folder: &Path) -> Outcome<String> {
     let program = std::env::current_exe()?;
     let (width, height) = variant.size_px;
     let rate_hz = variant.rate_hz;
+    let (readings, pieces) = (folder.join("wheel"), folder.join("vibration"));
     let mut text = format!("[system]\nname = \"bench{}\"\n", std::process::id());
     for n in 0..variant.wheels {
         write!(
@@ -320,10 +331,10 @@ fn system_file(variant: &Variant) -> Outcome<String> {
 exec = [{program:?}]
 outputs = {{ frames = "wheel{n}/frames" }}
 config = {{ rate_hz = {rate_hz:?}, width_px = {width}, height_px = {height} }}
-[service.telemetry{n}]
-exec = ["terrasense-telemetry"]
+[service.readings{n}]
+exec = [{program:?}]
 outputs = {{ wheel = "wheel{n}/wheel" }}
-config = {{ source = "simulated" }}
+config = {{ file = {readings:?} }}
 [service.sinkage{n}]
 exec = ["terrasense-sinkage"]
 inputs = {{ frames = "wheel{n}/frames" }}
@@ -339,31 +350,76 @@ outputs = {{ terrain = "wheel{n}/terrain" }}
 "#
         )?;
     }
-    text += r#"
+    write!(
+        text,
+        r#"
 [service.body]
-exec = ["terrasense-telemetry"]
-outputs = { vibration = "body/vibration" }
-config = { source = "simulated" }
+exec = [{program:?}]
+outputs = {{ vibration = "body/vibration" }}
+config = {{ file = {pieces:?} }}
 [service.vibration]
 exec = ["terrasense-vibration"]
-inputs = { vibration = "body/vibration" }
-outputs = { class = "body/class" }
-"#;
+inputs = {{ vibration = "body/vibration" }}
+outputs = {{ class = "body/class" }}
+"#
+    )?;
     Ok(text)
 }
 
 /// What a source is told.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct SourceConfig {
+struct Pictures {
     rate_hz: f64,
     width_px: u32,
     height_px: u32,
 }
 
-/// A camera whose pictures have been taken before: what it costs is that they are handed over.
+/// The same, of one that plays samples.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Samples {
+    file: String,
+}
+
+/// A source whose samples have been made before: what it costs is that they are handed over.
 fn source(shell: &mut Shell) -> Result<(), Error> {
-    let config: SourceConfig = shell.config(|_| Ok(()))?;
+    if shell.writes("frames") {
+        return camera(shell);
+    }
+    let samples: Samples = shell.config(|_| Ok(()))?;
+    if shell.writes("wheel") {
+        return play::<Wheel>(shell, "wheel", &samples.file, READING_NS, |_, _| ());
+    }
+    play::<Vibration>(shell, "vibration", &samples.file, PIECE_NS, |piece, later_ns| {
+        piece.start_ns = piece.start_ns.wrapping_add(later_ns);
+    })
+}
+
+/// Sends the samples of a file one after the other, and again; `move_later` does so with instants beyond the header's.
+fn play<T: Message + Clone>(
+    shell: &mut Shell,
+    port: &str,
+    file: &str,
+    period_ns: u64,
+    move_later: fn(&mut T, u64),
+) -> Result<(), Error> {
+    let output = shell.output::<T>(port)?;
+    let bytes = shell.read(file)?;
+    let samples = bytes.chunks_exact(size_of::<T>()).map(T::read_from_bytes);
+    let samples: Vec<T> = samples.collect::<Result<_, _>>().map_err(|_| Error::data(file))?;
+    shell.on_tick(period_ns, |number, instant_ns| {
+        let mut sample = samples[number as usize % samples.len()].clone();
+        let later_ns = instant_ns.wrapping_sub(sample.header().taken_ns);
+        move_later(&mut sample, later_ns);
+        (sample.header_mut().taken_ns, sample.header_mut().sequence) = (instant_ns, number);
+        output.send(sample)
+    })
+}
+
+/// Sends pictures of the route over and over.
+fn camera(shell: &mut Shell) -> Result<(), Error> {
+    let config: Pictures = shell.config(|_| Ok(()))?;
     let frames = shell.output::<Frame>("frames")?;
     let about = simulation::Config {
         picture_width_px: config.width_px,
@@ -378,15 +434,14 @@ fn source(shell: &mut Shell) -> Result<(), Error> {
         rover.render(route_ns * 1e-9 * index as f64 / PICTURES as f64, &mut picture);
         pictures.push(picture);
     }
-    let (started_ns, period_ns) = (shell.started_ns(), (1e9 / config.rate_hz).round() as u64);
-    shell.on_tick(period_ns, |number, _| {
-        let elapsed_ns = number * period_ns;
-        let share = (elapsed_ns as f64 % route_ns) / route_ns;
+    let period_ns = (1e9 / config.rate_hz).round() as u64;
+    shell.on_tick(period_ns, |number, instant_ns| {
+        let share = ((number * period_ns) as f64 % route_ns) / route_ns;
         let picture = &pictures[(share * PICTURES as f64) as usize % PICTURES];
         frames.send_with(|frame| {
             copy(picture, frame);
             frame.header = Header {
-                taken_ns: started_ns + elapsed_ns,
+                taken_ns: instant_ns,
                 sequence: number,
                 status: Status::OK,
                 ..Header::default()
