@@ -160,7 +160,6 @@ fn tell<'a>(report: &mut Report, axis: &Axis, rounds_of: impl Fn(&Variant) -> &'
     );
     let latency = series(|seen, series| seen.latency_ns.iter().for_each(|time_ns| series.record(*time_ns)));
     report.table(&format!("Frame to terrain: {}", axis.title), &latency);
-    report.note(String::new());
     let fitted = |of: &str, value: fn(&Seen) -> f64| {
         let of_round = |round: usize| {
             let points = axis.variants.iter().filter_map(|(_, size, variant)| {
@@ -174,7 +173,7 @@ fn tell<'a>(report: &mut Report, axis: &Axis, rounds_of: impl Fn(&Variant) -> &'
         let words: Vec<String> = exponents.iter().map(|exponent| format!("{exponent:.2}")).collect();
         format!("{of} grows as {}^e, e = {} (by round)", axis.of, words.join(", "))
     };
-    report.note(fitted("Processor time a cycle", |seen| seen.cost_ns() as f64));
+    report.note(fitted("\nProcessor time a cycle", |seen| seen.cost_ns() as f64));
     report.note(fitted("Median latency", Seen::median_ns));
     for (name, _, variant) in &axis.variants {
         report.note(shares(name, rounds_of(variant)));
