@@ -13,5 +13,6 @@ mod refusal;
 mod replacement;
 mod replay;
 mod rover;
+mod steady;
 mod supervision;
 mod swap;

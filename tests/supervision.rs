@@ -109,6 +109,90 @@ fn a_stage_slower_than_its_input_leaves_out_what_is_old_and_that_is_counted() {
     assert_eq!(rover.down(), Some(0), "{}", rover.log());
 }
 
+/// How many cycles each service is charged with.
+fn missed(rows: &[Value]) -> Vec<(&str, u64)> {
+    let charged = rows
+        .iter()
+        .map(|row| (row["service"].as_str().unwrap(), row["missed"].as_u64().unwrap()));
+    charged.filter(|(_, missed)| *missed > 0).collect()
+}
+
+#[test]
+fn a_cycle_that_is_late_from_the_first_answer_on_is_charged_to_the_first_stage_of_its_chain() {
+    // Nobody answers within a microsecond.
+    let mut rover = Rover::new(|text| text.replace("cycle_deadline_ms = 50", "cycle_deadline_ms = 0.001"));
+    rover.up();
+    let rows = rover.until("many cycles are late", |rows| {
+        rows.iter()
+            .any(|row| row["service"] == "terrain" && row["published"].as_u64() > Some(50))
+    });
+    let charged = missed(&rows);
+    let names: Vec<&str> = charged.iter().map(|(service, _)| *service).collect();
+    assert_eq!(names, ["sinkage", "vibration"], "{rows:#?}");
+    assert!(charged[0].1 >= 50, "{rows:#?}");
+    assert!(
+        rover.log().contains("its deadline is 0.001 ms; 32 missed so far"),
+        "{}",
+        rover.log()
+    );
+}
+
+#[test]
+fn a_stage_that_stops_for_a_while_is_charged_with_the_cycles_it_makes_late_and_no_other_is() {
+    // Two frames a second: between two cycles there is time enough for the stages behind the slow one.
+    let mut rover = Rover::new(|text| {
+        text.replace("cycle_deadline_ms = 50", "cycle_deadline_ms = 1000")
+            .replace("rate_hz = 30", "rate_hz = 2")
+    });
+    rover.up();
+    rover.until("cycles come", |rows| {
+        rows.iter()
+            .any(|row| row["service"] == "terrain" && row["published"].as_u64() > Some(2))
+    });
+    assert_eq!(missed(&rover.rows()), [], "{}", rover.log());
+    let slow = pid(&rover.row("terramechanics"));
+    signal(slow, Signal::STOP);
+    std::thread::sleep(std::time::Duration::from_millis(3500));
+    signal(slow, Signal::CONT);
+    let before = rover.row("terrain")["published"].as_u64().unwrap();
+    let rows = rover.until("the backlog is done", |rows| {
+        rows.iter()
+            .any(|row| row["service"] == "terrain" && row["published"].as_u64() > Some(before + 10))
+    });
+    let charged = missed(&rows);
+    assert!(matches!(charged[..], [("terramechanics", 3..)]), "{rows:#?}");
+    assert!(rover.log().contains("terramechanics: cycle "), "{}", rover.log());
+    assert_eq!(rover.down(), Some(0), "{}", rover.log());
+}
+
+#[test]
+#[cfg_attr(
+    not(python_peer),
+    ignore = "needs iceoryx2 for Python: python3 -m venv target/peer && target/peer/bin/pip install -r tests/peers/requirements.txt"
+)]
+fn a_slow_replacement_is_charged_with_every_cycle_and_no_other_stage_is() {
+    // The Python stage, and a nap with each answer.
+    let script = format!(
+        "import sys, time; sys.path.insert(0, '{}'); import sinkage; answer = sinkage.answer; sinkage.answer = lambda *about: \
+         (time.sleep(0.7), answer(*about))[1]; sinkage.terrasense_shell.main(sinkage.service)",
+        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("peers").display()
+    );
+    let [python, _] = python_sinkage();
+    let exec = format!("exec = {:?}", [&python, "-B", "-c", &script]);
+    let mut rover = Rover::new(|text| {
+        text.replace("exec = [\"terrasense-sinkage\"]", &exec)
+            .replace("cycle_deadline_ms = 50", "cycle_deadline_ms = 500")
+            .replace("rate_hz = 30", "rate_hz = 1")
+    });
+    rover.up();
+    let rows = rover.until("some cycles are late", |rows| {
+        rows.iter()
+            .any(|row| row["service"] == "terrain" && row["published"].as_u64() > Some(4))
+    });
+    assert!(matches!(missed(&rows)[..], [("sinkage", 4..)]), "{rows:#?}");
+    assert!(rover.log().contains("sinkage: cycle "), "{}", rover.log());
+}
+
 #[test]
 fn a_service_that_keeps_dying_is_given_up_and_the_rest_goes_on() {
     let mut rover = Rover::new(|text| {

@@ -3,12 +3,16 @@
 pub mod chaos;
 pub mod compare;
 mod day;
+mod growth;
 mod machine;
+mod processes;
 mod report;
 mod scratch;
 
 pub use day::Day;
+pub use growth::exponent;
 pub use machine::Machine;
+pub use processes::{Processes, cpu_ns};
 pub use report::{Options, Report, Series};
 pub use scratch::ScratchSystem;
 

@@ -82,6 +82,8 @@ pub fn run(arguments: &DemoArguments) -> Result<ExitCode, Error> {
         screen.draw(&mut supervisor, &tally);
     }
     let report = status::rows(&supervisor.report());
+    let deadline_ms = supervisor.system().file.system.cycle_deadline_ms.as_ref();
+    let missed = deadline_ms.map(|deadline_ms| missed(*deadline_ms.get_ref(), &report));
     let given_up = supervisor
         .services()
         .values()
@@ -89,12 +91,23 @@ pub fn run(arguments: &DemoArguments) -> Result<ExitCode, Error> {
     supervisor.stop(|_| ())?;
     screen.close(&mut supervisor);
     println!("{}\n\n{}", status::table(&report), tally.summary());
+    missed.iter().for_each(|missed| println!("{missed}"));
     if given_up || tally.cycles == 0 {
         return Err(Error::internal(
             "a service has ended, or no cycle was completed; see above",
         ));
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Which stages cycles have been too late at.
+fn missed(deadline_ms: f64, report: &[status::Row]) -> String {
+    let stages = report.iter().filter(|row| row.missed > 0);
+    let stages: Vec<String> = stages.map(|row| format!("{} at {}", row.missed, row.service)).collect();
+    if stages.is_empty() {
+        return format!("deadline of {deadline_ms} ms: missed by no cycle");
+    }
+    format!("deadline of {deadline_ms} ms: cycles late first: {}", stages.join(", "))
 }
 
 fn system(seed: u32) -> Result<System, Error> {

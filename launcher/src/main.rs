@@ -4,6 +4,7 @@ mod annotate;
 mod commands;
 mod conformance;
 mod control;
+mod deadline;
 mod demo;
 mod doctor;
 mod figures;

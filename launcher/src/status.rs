@@ -45,6 +45,8 @@ pub struct Row {
     pub lost: u64,
     /// Answers to inputs that could not be used.
     pub rejected: u64,
+    /// Cycles that were later than the system's `cycle_deadline_ms` with an answer of this service, and not before.
+    pub missed: u64,
     /// From the triggering sample to the answer, median [µs]; 0 for a source.
     pub latency_p50_us: f64,
     /// The same, 99th percentile [µs].
@@ -103,6 +105,7 @@ pub fn rows(table: &Supervision) -> Vec<Row> {
         published: table.published[index],
         lost: table.lost[index],
         rejected: table.bad[index],
+        missed: table.missed[index],
         latency_p50_us: table.latency_p50_ns[index] as f64 / 1000.0,
         latency_p99_us: table.latency_p99_ns[index] as f64 / 1000.0,
         placement: Placement::of(table.pid[index]),
@@ -114,13 +117,23 @@ pub fn rows(table: &Supervision) -> Vec<Row> {
 #[must_use]
 pub fn table(rows: &[Row]) -> String {
     let mut text = format!(
-        "{:<16} {:>8} {:<9} {:>8} {:>9} {:>9} {:>6} {:>8} {:>16}  {}",
-        "service", "pid", "state", "restarts", "rate Hz", "published", "lost", "rejected", "p50/p99 µs", "runs on"
+        "{:<16} {:>8} {:<9} {:>8} {:>9} {:>9} {:>6} {:>8} {:>6} {:>16}  {}",
+        "service",
+        "pid",
+        "state",
+        "restarts",
+        "rate Hz",
+        "published",
+        "lost",
+        "rejected",
+        "missed",
+        "p50/p99 µs",
+        "runs on"
     );
     for row in rows {
         let latency = format!("{:.0}/{:.0}", row.latency_p50_us, row.latency_p99_us);
         text += &format!(
-            "\n{:<16} {:>8} {:<9} {:>8} {:>9.1} {:>9} {:>6} {:>8} {:>16}  {}",
+            "\n{:<16} {:>8} {:<9} {:>8} {:>9.1} {:>9} {:>6} {:>8} {:>6} {:>16}  {}",
             row.service,
             row.pid,
             row.state,
@@ -129,6 +142,7 @@ pub fn table(rows: &[Row]) -> String {
             row.published,
             row.lost,
             row.rejected,
+            row.missed,
             if row.latency_p50_us > 0.0 { latency } else { "-".into() },
             row.placement.as_ref().map_or("-".into(), ToString::to_string)
         );

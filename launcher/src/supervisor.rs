@@ -1,6 +1,7 @@
 //! Starts the services, watches them, starts them again, and stops them. It never waits for what it supervises.
 
 mod succession;
+mod wires;
 
 use crate::control::Ear;
 use crate::policy::{Decision, Ending, Policy};
@@ -11,11 +12,11 @@ use crate::system::System;
 use crate::watch::Watch;
 use messages::{Header, ServiceState, Status, Supervision, label};
 use shell::{
-    AnyTap, Domain, Error, HeldWire, Mode, Output, Port, RELEASE, Role, SUPERVISION_WIRE, Termination, now_ns,
-    sleep_until,
+    Domain, Error, HeldWire, Mode, Output, Port, RELEASE, Role, SUPERVISION_WIRE, Termination, now_ns, sleep_until,
 };
 use std::collections::BTreeMap;
 use succession::{Former, Succession};
+use wires::Wires;
 use zerocopy::FromZeros;
 
 const MS_NS: u64 = 1_000_000;
@@ -45,7 +46,7 @@ pub struct Supervisor {
     /// Processes that are to end, and when they are made to.
     leaving: Vec<(Process, u64)>,
     services: BTreeMap<String, Service>,
-    wires: BTreeMap<String, WatchedWire>,
+    wires: Wires,
     report: Output<Supervision>,
     reported_ns: u64,
     log: Vec<String>,
@@ -54,14 +55,6 @@ pub struct Supervisor {
     termination: Termination,
     // Dropped last: it takes the folder with it.
     root: Root,
-}
-
-/// A wire, held, and seen by the launcher.
-struct WatchedWire {
-    port: Port,
-    tap: AnyTap,
-    watch: Watch,
-    held: HeldWire,
 }
 
 /// A service as the launcher sees it.
@@ -105,20 +98,7 @@ impl Supervisor {
         let system_path = root.write(SYSTEM_FILE, &system.file.text)?;
         shell::wake_when_children_end().map_err(|error| Error::internal(error.to_string()))?;
         let domain = Domain::enter(&system.file, "launcher")?;
-        let mut wires = BTreeMap::new();
-        for (name, wire) in &system.wires {
-            let held = domain.create(name, wire.port)?;
-            let tap = domain.tap(name, wire.port)?;
-            wires.insert(
-                name.clone(),
-                WatchedWire {
-                    port: wire.port,
-                    tap,
-                    watch: Watch::default(),
-                    held,
-                },
-            );
-        }
+        let wires = Wires::make(&system, &domain)?;
         let supervision = domain.create_supervision()?;
         privacy::close(&system.file)?;
         let report = domain.output(SUPERVISION_WIRE, &termination)?;
@@ -261,16 +241,13 @@ impl Supervisor {
             table.state[row] = service.state.0;
             table.generation[row] = service.generation;
             table.restarts[row] = service.restarts;
-            let watches = self
-                .wires
-                .iter()
-                .filter(|(wire, _)| self.system.wires[*wire].writer == *name);
-            for (_, wire) in watches {
-                table.published[row] += wire.watch.published;
-                table.lost[row] += wire.watch.lost;
-                table.bad[row] += wire.watch.bad;
-                table.rate_hz[row] += wire.watch.rate_hz(now_ns);
-                let latencies = wire.watch.latencies();
+            for watch in self.wires.written_by(name) {
+                table.published[row] += watch.published;
+                table.lost[row] += watch.lost;
+                table.bad[row] += watch.bad;
+                table.missed[row] += watch.missed;
+                table.rate_hz[row] += watch.rate_hz(now_ns);
+                let latencies = watch.latencies();
                 table.latency_p50_ns[row] = table.latency_p50_ns[row].max(latencies.value_at_quantile(0.5));
                 table.latency_p99_ns[row] = table.latency_p99_ns[row].max(latencies.value_at_quantile(0.99));
             }
@@ -285,9 +262,7 @@ impl Supervisor {
     }
 
     fn say(&mut self, text: String) {
-        if self.log.len() < LOG_MAX {
-            self.log.push(text);
-        }
+        note(&mut self.log, text);
     }
 
     fn look(&mut self, on_sample: &mut impl FnMut(Seen<'_>)) -> Result<usize, Error> {
@@ -315,49 +290,8 @@ impl Supervisor {
 
     /// Takes in what is on the wires.
     fn drain(&mut self, on_sample: &mut impl FnMut(Seen<'_>)) -> Result<usize, Error> {
-        let mut seen = 0;
-        // In the graph's order: an answer then finds its trigger already counted.
-        for port in Port::ALL {
-            let names: Vec<&String> = self
-                .wires
-                .iter()
-                .filter(|(_, wire)| wire.port == port)
-                .map(|(name, _)| name)
-                .collect();
-            for name in names.into_iter().cloned().collect::<Vec<_>>() {
-                let trigger = self.trigger_of(&name);
-                let mut watch = self
-                    .wires
-                    .get_mut(&name)
-                    .map(|wire| std::mem::take(&mut wire.watch))
-                    .unwrap_or_default();
-                let asking = trigger
-                    .and_then(|trigger| self.wires.get(&trigger))
-                    .map(|wire| &wire.watch);
-                let tap = &self.wires[&name].tap;
-                for _ in 0..POLLS_MAX {
-                    let more = tap.poll(&mut |header, bytes| {
-                        watch.see(header, asking);
-                        on_sample((&name, port, header, bytes));
-                    })?;
-                    if !more {
-                        break;
-                    }
-                    seen += 1;
-                }
-                if let Some(wire) = self.wires.get_mut(&name) {
-                    wire.watch = watch;
-                }
-            }
-        }
-        Ok(seen)
-    }
-
-    /// The wire whose samples trigger those of this one.
-    fn trigger_of(&self, wire: &str) -> Option<String> {
-        let about = &self.system.wires[wire];
-        let inputs = &self.system.file.services[&about.writer].inputs;
-        Some(inputs.get(about.port.trigger()?.name())?.get_ref().clone())
+        let Self { wires, log, .. } = self;
+        wires.drain(&mut |text| note(log, text), on_sample)
     }
 
     fn look_at(&mut self, name: &str) -> Result<(), Error> {
@@ -419,7 +353,7 @@ impl Supervisor {
         let service = &self.services[name];
         let table = &self.system.file.services[name];
         let has = |wire: &str, role: Role| {
-            let peers = self.wires[wire].held.peers();
+            let peers = self.wires.of(wire).held.peers();
             let owns = |pid: u32| service.process.as_ref().is_some_and(|process| process.owns(pid));
             peers.iter().any(|(other, pid)| *other == role && owns(*pid))
         };
@@ -450,10 +384,10 @@ impl Supervisor {
         let ready_ns = self.services[name].ready_ns;
         let silent = table.outputs.values().find_map(|wire| {
             let wire = wire.get_ref();
-            let watch = &self.wires[wire].watch;
+            let watch = &self.wires.of(wire).watch;
             let last_ns = watch.last_ns.max(ready_ns);
-            let due_ns = match self.trigger_of(wire) {
-                Some(trigger) => self.wires[&trigger].watch.first_after(last_ns)?,
+            let due_ns = match self.wires.trigger_of(wire) {
+                Some(trigger) => trigger.first_after(last_ns)?,
                 None => last_ns,
             };
             let hangs = !watch.ended && now_ns().saturating_sub(due_ns) > deadline_ms * MS_NS;
@@ -521,5 +455,12 @@ impl Supervisor {
             }
         }
         Ok(())
+    }
+}
+
+/// Keeps a line of the log, if there is room for it.
+fn note(log: &mut Vec<String>, text: String) {
+    if log.len() < LOG_MAX {
+        log.push(text);
     }
 }

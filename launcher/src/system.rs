@@ -8,6 +8,8 @@ use std::path::PathBuf;
 const SERVICES_MAX: usize = messages::SERVICES_MAX;
 /// Readers of one wire at the most, beside the launcher and a person who looks.
 const READERS_MAX: usize = 6;
+/// A cycle's deadline at the most [ms]: an hour.
+const DEADLINE_MAX_MS: f64 = 3_600_000.0;
 
 /// A system whose graph can run.
 #[derive(Clone, Debug)]
@@ -34,6 +36,16 @@ pub struct Wire {
 }
 
 impl System {
+    /// The wire whose samples trigger those of this one; `None` where a chain of stages begins.
+    #[must_use]
+    pub fn trigger_of(&self, wire: &str) -> Option<&str> {
+        let about = self.wires.get(wire)?;
+        let inputs = &self.file.services.get(&about.writer)?.inputs;
+        inputs
+            .get(about.port.trigger()?.name())
+            .map(|trigger| trigger.get_ref().as_str())
+    }
+
     /// Checks a system file. `find` tells where the program of this name is.
     ///
     /// # Errors
@@ -42,6 +54,7 @@ impl System {
         check_count(&file)?;
         let mut problems = Vec::new();
         check_names(&file, &mut problems);
+        check_deadline(&file, &mut problems);
         let programs = check_programs(&file, find, &mut problems);
         check_numbers(&file, &mut problems);
         let wires = check_wires(&file, &mut problems);
@@ -98,6 +111,17 @@ fn check_names(file: &SystemFile, problems: &mut Vec<Error>) {
             "{}:1: no service; `terrasense default-system` prints an example",
             file.path
         )));
+    }
+}
+
+fn check_deadline(file: &SystemFile, problems: &mut Vec<Error>) {
+    let Some(deadline_ms) = &file.system.cycle_deadline_ms else {
+        return;
+    };
+    let value = *deadline_ms.get_ref();
+    if !(value > 0.0 && value <= DEADLINE_MAX_MS) {
+        let what = format!("cycle_deadline_ms must be above 0 and at most {DEADLINE_MAX_MS}, is {value}");
+        problems.push(file.error_at(deadline_ms.span(), &what));
     }
 }
 
@@ -376,6 +400,31 @@ outputs = { soil = "soil" }
         ] {
             assert!(told.contains(words), "{told}");
         }
+    }
+
+    #[test]
+    fn a_cycles_deadline_is_a_time_of_an_hour_at_the_most() {
+        for good in ["50", "0.5", "3600000"] {
+            let text = CHAIN.replace(
+                "\n[service.camera]",
+                &format!("\ncycle_deadline_ms = {good}\n[service.camera]"),
+            );
+            let deadline_ms = check(&text).unwrap().file.system.cycle_deadline_ms.unwrap();
+            assert_eq!(deadline_ms.into_inner(), good.parse::<f64>().unwrap());
+        }
+        for bad in ["0", "-1", "nan", "inf", "3600001"] {
+            let text = CHAIN.replace(
+                "\n[service.camera]",
+                &format!("\ncycle_deadline_ms = {bad}\n[service.camera]"),
+            );
+            let told = refused(&text);
+            assert!(
+                told.starts_with("rover.toml:3: cycle_deadline_ms must be above 0 and at most 3600000, is"),
+                "{told}"
+            );
+        }
+        let text = CHAIN.replace("\n[service.camera]", "\ncycle_deadline_ms = \"soon\"\n[service.camera]");
+        assert!(refused(&text).starts_with("rover.toml:3: "), "{}", refused(&text));
     }
 
     #[test]

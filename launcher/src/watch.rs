@@ -22,6 +22,8 @@ pub struct Watch {
     pub lost: u64,
     /// Samples that answer an input which could not be used.
     pub bad: u64,
+    /// Cycles that were later than their deadline with a sample of this wire, and not before; see [`crate::deadline`].
+    pub missed: u64,
     /// The recording is over.
     pub ended: bool,
     /// When the last sample was sent; 0 before the first.
@@ -41,6 +43,7 @@ impl Default for Watch {
             published: 0,
             lost: 0,
             bad: 0,
+            missed: 0,
             ended: false,
             last_ns: 0,
             generation: 0,

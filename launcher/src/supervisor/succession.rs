@@ -207,8 +207,7 @@ impl Supervisor {
     }
 
     fn go_on(&mut self, mut succession: Succession) -> Result<Option<Succession>, Error> {
-        let asking = self.trigger_of(&succession.wire);
-        let asking = asking.and_then(|wire| self.wires.get(&wire)).map(|wire| &wire.watch);
+        let asking = self.wires.trigger_of(&succession.wire);
         for _ in 0..POLLS_MAX {
             let (watch, comparison) = (&mut succession.watch, &mut succession.comparison);
             let more = succession.tap.poll(&mut |header, bytes| {
@@ -246,7 +245,7 @@ impl Supervisor {
         let reads = table
             .inputs
             .values()
-            .all(|wire| has(&self.wires[wire.get_ref()].held, Role::Reader));
+            .all(|wire| has(&self.wires.of(wire.get_ref()).held, Role::Reader));
         if reads && has(&succession.rehearsal, Role::Writer) {
             succession.phase = Phase::Comparing { since_ns: now_ns() };
             let said = format!("ready after {} ms", (now_ns() - succession.started_ns) / MS_NS);
@@ -264,7 +263,7 @@ impl Supervisor {
         let counts = succession.comparison.counts();
         let wanted = succession.request.cycles;
         if counts.cycles < wanted {
-            let rate_hz = self.wires[&succession.wire].watch.rate_hz(now_ns()).max(0.1);
+            let rate_hz = self.wires.of(&succession.wire).watch.rate_hz(now_ns()).max(0.1);
             let longest_ns = PATIENCE_NS + (2e9 * wanted as f64 / rate_hz) as u64;
             if now_ns() - since_ns > longest_ns {
                 let said = format!("only {} of {wanted} cycles could be compared", counts.cycles);
@@ -289,10 +288,12 @@ impl Supervisor {
             }
             None => {}
         }
-        let watch = &self.wires[&succession.wire].watch;
+        let watch = &self.wires.of(&succession.wire).watch;
         let ahead = CYCLES_AHEAD_MIN.max((watch.rate_hz(now_ns()) * AHEAD_S).ceil() as u64);
         let sequence = watch.newest().unwrap_or(0) + ahead;
-        let _ = self.wires[&succession.wire]
+        let _ = self
+            .wires
+            .of(&succession.wire)
             .held
             .give_turn(succession.generation, sequence);
         succession.phase = Phase::HandingOver {
@@ -323,7 +324,7 @@ impl Supervisor {
                 Some(_) => {}
             }
         }
-        let peers = self.wires[&succession.wire].held.peers();
+        let peers = self.wires.of(&succession.wire).held.peers();
         let opens = peers
             .iter()
             .any(|(role, pid)| *role == Role::Writer && succession.process.owns(*pid));
@@ -341,7 +342,7 @@ impl Supervisor {
         Rehearsed {
             service: succession.request.service.clone(),
             counts: succession.comparison.counts(),
-            incumbent_latency_us: latency_us(&self.wires[&succession.wire].watch),
+            incumbent_latency_us: latency_us(&self.wires.of(&succession.wire).watch),
             candidate_latency_us: latency_us(&succession.watch),
             fields: succession.comparison.differences(),
         }
@@ -353,7 +354,7 @@ impl Supervisor {
         sequence: u64,
         since_ns: u64,
     ) -> Result<Option<Succession>, Error> {
-        let watch = &self.wires[&succession.wire].watch;
+        let watch = &self.wires.of(&succession.wire).watch;
         if watch.generation == succession.generation {
             return self.promote(succession, sequence).map(|()| None);
         }
@@ -403,7 +404,7 @@ impl Supervisor {
         self.dismiss(succession.process);
         if handing_over {
             // The incumbent may have stopped for good at the candidate's turn: another start takes the turn back.
-            let _ = self.wires[&succession.wire].held.give_turn(0, 0);
+            let _ = self.wires.of(&succession.wire).held.give_turn(0, 0);
             self.service(&name).process.iter().for_each(Process::kill);
         }
         Ok(None)

@@ -78,7 +78,7 @@ impl PictureReader {
         if size as u64 > DECODED_PIXELS_MAX * 4 {
             return Err("more than 4 bytes a pixel; save it as 8-bit gray or RGB".into());
         }
-        self.decoded.clear();
+        // What the last picture left there is overwritten.
         self.decoded.resize(size, 0);
         let decoded = reader
             .next_frame(&mut self.decoded)

@@ -2,9 +2,9 @@
 
 #![allow(clippy::unwrap_used)]
 
-use messages::{Frame, Status};
+use messages::{Frame, Resumable, Status};
 use simulation::conditions::{Clip, Condition};
-use sinkage::{Config, SinkageTracker};
+use sinkage::{Config, Method, SinkageTracker};
 use std::fmt::Write;
 use std::ops::Range;
 use zerocopy::FromZeros;
@@ -107,17 +107,40 @@ fn line(table: &mut String, name: &str, sides: &[Side]) {
 #[test]
 fn a_step_allocates_nothing() {
     let mut frame = Frame::new_box_zeroed().unwrap();
-    let mut tracker = SinkageTracker::new(Config::default());
-    let clip = Clip::new(Condition::Flat, 7);
-    for time_s in [0.0, 0.1] {
-        frame.header.taken_ns = (time_s * 1e9) as u64;
-        clip.paint(time_s, &mut frame);
-        // The geometry is new, then known.
-        for _ in 0..2 {
+    for method in [Method::Contrast, Method::LargestChange] {
+        let mut tracker = SinkageTracker::new(Config {
+            method,
+            ..Config::default()
+        });
+        let mut state = vec![0; tracker.state_bytes()];
+        let mut step = |frame: &Frame| {
+            let mut answer = None;
             let counted = allocation_counter::measure(|| {
-                assert!(tracker.step(&frame).sinkage_m > 0.0);
+                answer = Some(tracker.step(frame));
+                tracker.save(&mut state);
             });
-            assert_eq!(counted.count_total, 0);
+            assert_eq!(counted.count_total, 0, "{method:?}, {:?}", frame.header);
+            answer.unwrap()
+        };
+        for condition in Condition::ALL {
+            let clip = Clip::new(condition, 7);
+            for time_s in [0.0, 0.1] {
+                frame.header.taken_ns = (time_s * 1e9) as u64;
+                clip.paint(time_s, &mut frame);
+                // The geometry is new, then known.
+                for _ in 0..2 {
+                    step(&frame);
+                }
+            }
+        }
+        assert!(step(&frame).sinkage_m.is_finite());
+        for status in [Status::NO_DATA, Status::INPUT_REJECTED, Status::BAD_SAMPLE, Status::OK] {
+            // A picture as large as a frame holds, with nothing in it.
+            frame.header.status = status;
+            (frame.width, frame.height) = (1024, 1024);
+            step(&frame);
+            (frame.width, frame.height) = (0, 0);
+            step(&frame);
         }
     }
 }

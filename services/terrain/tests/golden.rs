@@ -1,6 +1,6 @@
 //! The fusion against a table of cycles written by hand, and the strength against arithmetic of 50 digits.
 
-use messages::{Header, Message, Sinkage, Soil, Status, Terrain, TerrainClass, label};
+use messages::{Header, Message, Resumable, Sinkage, Soil, Status, Terrain, TerrainClass, label};
 use terrain::{Config, TerrainFusion};
 
 #[test]
@@ -72,6 +72,35 @@ fn the_strength_and_its_sigma_follow_from_cohesion_friction_and_pressure() {
         assert!((terrain.strength_sigma_pa / sigma_pa - 1.0).abs() < 1e-9, "{soil:?}");
         assert_eq!(valid_words(terrain.valid), "soil strength");
     }
+}
+
+#[test]
+fn a_step_allocates_nothing() {
+    let mut fusion = TerrainFusion::new(Config::default());
+    let mut state = vec![0; fusion.state_bytes()];
+    let statuses = (0..=Status::ENDED.0).map(Status);
+    let samples: Vec<_> = statuses
+        .map(|status| {
+            let header = Header {
+                taken_ns: 1_000_000_000 * u64::from(status.0),
+                sequence: status.0.into(),
+                status,
+                ..Header::default()
+            };
+            let mut class = TerrainClass::undecided(header);
+            (class.class, class.class_count, class.labels[1]) = (1, 2, label("sand"));
+            (sinkage_sample(header), class, soil_sample(header))
+        })
+        .collect();
+    let counted = allocation_counter::measure(|| {
+        for (sinkage, class, soil) in &samples {
+            fusion.observe_sinkage(sinkage);
+            fusion.observe_class(class);
+            std::hint::black_box(fusion.step(soil));
+            fusion.save(&mut state);
+        }
+    });
+    assert_eq!(counted.count_total, 0);
 }
 
 fn rows(table: &'static str) -> impl Iterator<Item = Vec<&'static str>> {

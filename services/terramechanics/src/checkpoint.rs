@@ -32,21 +32,21 @@ pub struct Checkpoint {
 const _: () = assert!(size_of::<Checkpoint>().is_multiple_of(8));
 
 impl Checkpoint {
-    pub(crate) fn of(state: &State, config: &Config) -> Self {
+    pub(crate) fn of(state: &State, config_digest: u64) -> Self {
         Self {
             version: VERSION,
-            config_digest: config_digest(config),
+            config_digest,
             state: *state,
             state_digest: digest(state.as_bytes()),
         }
     }
 
     /// The state, if it is one of this estimator and of this configuration.
-    pub(crate) fn state(&self, config: &Config) -> Result<&State, &'static str> {
+    pub(crate) fn state(&self, config_digest: u64) -> Result<&State, &'static str> {
         if self.version != VERSION {
             return Err("is of another version of the estimator");
         }
-        if self.config_digest != config_digest(config) {
+        if self.config_digest != config_digest {
             return Err("is of another configuration");
         }
         if self.state_digest != digest(self.state.as_bytes()) {
@@ -67,7 +67,8 @@ impl State {
     }
 }
 
-fn config_digest(config: &Config) -> u64 {
+/// What tells one configuration from another.
+pub(crate) fn config_digest(config: &Config) -> u64 {
     digest(format!("{config:?}").as_bytes())
 }
 

@@ -1,6 +1,6 @@
 //! Cohesion and friction angle, cycle by cycle.
 
-use crate::checkpoint::{Checkpoint, State};
+use crate::checkpoint::{Checkpoint, State, config_digest};
 use crate::model::Model;
 use crate::{Config, Estimator, Row};
 use messages::{Resumable, Sinkage, Soil, Status, Wheel};
@@ -10,6 +10,7 @@ use zerocopy::{FromBytes, IntoBytes};
 #[derive(Clone, Debug)]
 pub struct SoilEstimator {
     config: Config,
+    config_digest: u64,
     model: Model,
     state: Box<State>,
 }
@@ -21,7 +22,12 @@ impl SoilEstimator {
         let model = Model::new(&config);
         let mut state = State::new_boxed();
         state.full.start(&model);
-        Self { config, model, state }
+        Self {
+            config_digest: config_digest(&config),
+            config,
+            model,
+            state,
+        }
     }
 
     /// Takes in a reading of the wheel, not later than the next sinkage.
@@ -46,7 +52,7 @@ impl SoilEstimator {
     /// The whole state; [`SoilEstimator::restore`] continues from it bit for bit.
     #[must_use]
     pub fn checkpoint(&self) -> Checkpoint {
-        Checkpoint::of(&self.state, &self.config)
+        Checkpoint::of(&self.state, self.config_digest)
     }
 
     /// Continues where the estimator stopped that `checkpoint` is of.
@@ -54,7 +60,7 @@ impl SoilEstimator {
     /// # Errors
     /// Why the checkpoint cannot be used; nothing has changed then.
     pub fn restore(&mut self, checkpoint: &Checkpoint) -> Result<(), &'static str> {
-        *self.state = *checkpoint.state(&self.config)?;
+        *self.state = *checkpoint.state(self.config_digest)?;
         Ok(())
     }
 

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use allocation_counter::measure;
-use messages::{Status, Vibration, label};
+use messages::{Resumable, Status, Vibration, label};
 use simulation::{CHANNELS, Rover};
 use vibration::{Config, Model, VibrationClassifier};
 use zerocopy::FromZeros;
@@ -39,10 +39,12 @@ fn no_window_needs_memory() {
     pieces[68].count = 0;
     pieces[79].start_ns = 0;
     let mut classifier = VibrationClassifier::new(&Config::default(), Model::built_in());
+    let mut state = vec![0; classifier.state_bytes()];
     let mut decided = 0;
     let counted = measure(|| {
         for piece in &pieces {
             decided += u32::from(classifier.step(piece).header.status == Status::OK);
+            classifier.save(&mut state);
         }
     });
     assert!(decided > 30, "{decided}");

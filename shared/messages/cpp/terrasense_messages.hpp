@@ -464,12 +464,13 @@ struct Supervision {
     std::uint64_t published[SERVICES_MAX];
     std::uint64_t lost[SERVICES_MAX];
     std::uint64_t bad[SERVICES_MAX];
+    std::uint64_t missed[SERVICES_MAX];
     double rate_hz[SERVICES_MAX];
     std::uint64_t latency_p50_ns[SERVICES_MAX];
     std::uint64_t latency_p99_ns[SERVICES_MAX];
 };
 
-static_assert(sizeof(Supervision) == 2856);
+static_assert(sizeof(Supervision) == 3112);
 template <>
 inline constexpr Field fields<Supervision>[] = {
     TERRASENSE_FIELD(Supervision, header),
@@ -483,6 +484,7 @@ inline constexpr Field fields<Supervision>[] = {
     TERRASENSE_FIELD(Supervision, published),
     TERRASENSE_FIELD(Supervision, lost),
     TERRASENSE_FIELD(Supervision, bad),
+    TERRASENSE_FIELD(Supervision, missed),
     TERRASENSE_FIELD(Supervision, rate_hz),
     TERRASENSE_FIELD(Supervision, latency_p50_ns),
     TERRASENSE_FIELD(Supervision, latency_p99_ns),

@@ -274,6 +274,7 @@ class Supervision(Message):
         ("published", c_uint64 * SERVICES_MAX),
         ("lost", c_uint64 * SERVICES_MAX),
         ("bad", c_uint64 * SERVICES_MAX),
+        ("missed", c_uint64 * SERVICES_MAX),
         ("rate_hz", c_double * SERVICES_MAX),
         ("latency_p50_ns", c_uint64 * SERVICES_MAX),
         ("latency_p99_ns", c_uint64 * SERVICES_MAX),

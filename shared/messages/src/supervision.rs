@@ -35,6 +35,8 @@ pub struct Supervision {
     pub lost: [u64; SERVICES_MAX],
     /// Outputs that answer an input that made no valid sample.
     pub bad: [u64; SERVICES_MAX],
+    /// Cycles that were later than the system's deadline for the first time at an output of this service.
+    pub missed: [u64; SERVICES_MAX],
     /// Outputs per second over the last seconds.
     pub rate_hz: [f64; SERVICES_MAX],
     /// From the triggering input to the output, median of the last cycles.
@@ -43,7 +45,7 @@ pub struct Supervision {
     pub latency_p99_ns: [u64; SERVICES_MAX],
 }
 
-const _: () = assert!(size_of::<Supervision>() == 40 + 32 * (24 + 4 * 4 + 8 * 6));
+const _: () = assert!(size_of::<Supervision>() == 40 + 32 * (24 + 4 * 4 + 8 * 7));
 const _: () = assert!(crate::covers(Supervision::FIELDS, size_of::<Supervision>()));
 
 /// What a service is doing. An open enum.
@@ -85,6 +87,7 @@ impl Message for Supervision {
         Field::array("published", offset_of!(Self, published), Kind::U64, SERVICES_MAX),
         Field::array("lost", offset_of!(Self, lost), Kind::U64, SERVICES_MAX),
         Field::array("bad", offset_of!(Self, bad), Kind::U64, SERVICES_MAX),
+        Field::array("missed", offset_of!(Self, missed), Kind::U64, SERVICES_MAX),
         Field::array("rate_hz", offset_of!(Self, rate_hz), Kind::F64, SERVICES_MAX),
         Field::array(
             "latency_p50_ns",

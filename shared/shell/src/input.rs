@@ -423,7 +423,7 @@ impl<T: Message> Observation<T> {
         let queue = wire
             .map(|wire| {
                 let reader = RefCell::new(Reader::open(domain, wire)?);
-                let pending = RefCell::new(VecDeque::with_capacity(OBSERVATIONS_PREPARED));
+                let pending = RefCell::new(prepared());
                 Ok(Rc::new(Observed {
                     reader,
                     pending,
@@ -464,6 +464,14 @@ impl<T: Message> Observation<T> {
             queue.reader.borrow().wait()?;
         }
     }
+}
+
+/// An empty queue whose memory is there already: no page has to be fetched for it later.
+fn prepared<T: Message>() -> VecDeque<T> {
+    let mut pending = VecDeque::new();
+    pending.resize_with(OBSERVATIONS_PREPARED, T::new_zeroed);
+    pending.clear();
+    pending
 }
 
 /// A wire that is read as it comes, without a stage behind it: by the launcher and by tests.

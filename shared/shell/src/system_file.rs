@@ -35,6 +35,9 @@ pub struct SystemTable {
     /// Whether samples may be overtaken by newer ones.
     #[serde(default)]
     pub mode: Mode,
+    /// A cycle is to be answered by the whole chain within this time after its first sample was sent [ms]; those that are
+    /// later are counted. Absent: however late.
+    pub cycle_deadline_ms: Option<Spanned<f64>>,
 }
 
 /// Whether samples may be overtaken by newer ones.

@@ -3,6 +3,7 @@
 use crate::oracle::SOILS;
 use crate::oracle::traverse::{Excitation, GOOD, Plan, Segment, WHEEL};
 use allocation_counter::measure;
+use messages::Resumable;
 use terramechanics::{Checkpoint, Config, Estimator, SoilEstimator};
 use zerocopy::{FromBytes, IntoBytes};
 
@@ -92,10 +93,12 @@ fn a_step_allocates_nothing() {
             estimator,
             ..plan().config()
         });
+        let mut state = vec![0; estimator.state_bytes()];
         let allocations = measure(|| {
             for row in &rows {
                 estimator.observe_wheel(&row.wheel);
                 estimator.step(&row.sinkage);
+                estimator.save(&mut state);
             }
         });
         assert_eq!(allocations.count_total, 0);
