@@ -154,6 +154,10 @@ impl Stand {
         let count = ended(child);
         drop(stand);
         std::fs::remove_dir_all(system.root()).unwrap();
+        // iceoryx2's counter of nodes lies beside the folder, and stays.
+        let left = std::fs::read_dir("/dev/shm").unwrap().map(|entry| entry.unwrap());
+        left.filter(|entry| entry.file_name().to_string_lossy().starts_with(&system.prefix()))
+            .for_each(|entry| std::fs::remove_file(entry.path()).unwrap());
         count
     }
 
