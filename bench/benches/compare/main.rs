@@ -103,7 +103,9 @@ fn be_child(child: &Child) -> Outcome<()> {
         Variant::Direct => direct::play(part),
         Variant::Sockets => play(part, &sockets::Sockets(part.folder.clone())),
         Variant::Iceoryx2 => play(part, &textbook::Textbook::enter(&ScratchSystem::named(&child.system)?)?),
-        Variant::Terrasense | Variant::Zenoh | Variant::Dora => Err("is run by another program".into()),
+        Variant::Terrasense | Variant::Recommended | Variant::Zenoh | Variant::Dora => {
+            Err("is run by another program".into())
+        }
     }
 }
 
@@ -152,10 +154,11 @@ fn compare(arguments: &Arguments) -> Outcome<()> {
 
 /// Those that are asked for and there: the direct calls first.
 fn variants(arguments: &Arguments, bench: &Bench) -> Vec<Variant> {
-    use Variant::{Direct, Dora, Iceoryx2, Sockets, Terrasense, Zenoh};
-    let all = [Direct, Terrasense, Sockets, Iceoryx2, Zenoh, Dora];
+    use Variant::{Direct, Dora, Iceoryx2, Recommended, Sockets, Terrasense, Zenoh};
+    let all = [Direct, Terrasense, Recommended, Sockets, Iceoryx2, Zenoh, Dora];
     let wanted = |variant: &Variant| match (arguments.only.as_slice(), variant) {
         (_, Direct) => true,
+        ([], Recommended) => arguments.cpus.is_none(),
         ([], Zenoh) => bench.zenoh.is_some(),
         ([], Dora) => bench.dora.is_some(),
         (only, variant) => only.is_empty() || only.contains(variant),

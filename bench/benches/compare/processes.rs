@@ -27,6 +27,8 @@ pub enum Variant {
     Direct,
     /// The services under `terrasense up`.
     Terrasense,
+    /// The same as the README recommends it: the services of the chain on one processor.
+    Recommended,
     /// Unix sockets and postcard.
     Sockets,
     /// iceoryx2 with a `WaitSet`.
@@ -43,6 +45,7 @@ impl Variant {
         match self {
             Self::Direct => "direct calls",
             Self::Terrasense => "Terrasense",
+            Self::Recommended => "Terrasense, one processor",
             Self::Sockets => "Unix sockets, postcard",
             Self::Iceoryx2 => "iceoryx2, WaitSet",
             Self::Zenoh => "zenoh, shared memory",
@@ -99,7 +102,7 @@ impl Bench {
             pace,
             cycles: self.cycles,
             warm_up: WARM_UP,
-            cpu: self.cpu(role),
+            cpu: cpu(role, self.cpus),
         };
         let last_ns = now_ns() + RUN_MORE_NS + (self.cycles + WARM_UP) * CYCLE_MAX_NS;
         let mut stamps = Stamps::default();
@@ -108,8 +111,13 @@ impl Bench {
                 self.wait(vec![self.start(&own("direct")?, &part(Role::Source))?], last_ns)?;
                 &[Role::Source][..]
             }
-            Variant::Terrasense => {
-                Rover::start(&part(Role::Source), |role| self.place(role))?.wait(last_ns, &self.termination)?;
+            Variant::Terrasense | Variant::Recommended => {
+                let cpus = match variant {
+                    Variant::Recommended => Some(Cpus::Together),
+                    _ => self.cpus,
+                };
+                let place = |role| self.place(role, cpus);
+                Rover::start(&part(Role::Source), place)?.wait(last_ns, &self.termination)?;
                 &[Role::Source, Role::Terrain]
             }
             Variant::Iceoryx2 => {
@@ -211,7 +219,7 @@ impl Bench {
             .unwrap_or(python)
             .join("release/libover_dora.so");
         let roles = [Role::Source, Role::Sinkage, Role::Terramechanics, Role::Terrain];
-        let cpus = roles.map(|role| self.cpu(role).map_or_else(String::new, |cpu| cpu.to_string()));
+        let cpus = roles.map(|role| cpu(role, self.cpus).map_or_else(String::new, |cpu| cpu.to_string()));
         let words: [OsString; 6] = [
             python.into(),
             peers.join("run.py").into(),
@@ -223,19 +231,9 @@ impl Bench {
         Ok(words.into())
     }
 
-    fn cpu(&self, role: Role) -> Option<usize> {
-        let allowed = allowed_cpus();
-        let last = allowed.len().checked_sub(1)?;
-        let index = match (self.cpus?, role) {
-            (Cpus::Together, _) => last,
-            (Cpus::Spread, role) => (role as usize) % allowed.len(),
-        };
-        allowed.get(index).copied()
-    }
-
     /// Where and how a service runs, in the system file's words.
-    fn place(&self, role: Role) -> String {
-        let cpu = self.cpu(role).map(|cpu| format!("cpus = [{cpu}]\n"));
+    fn place(&self, role: Role, cpus: Option<Cpus>) -> String {
+        let cpu = cpu(role, cpus).map(|cpu| format!("cpus = [{cpu}]\n"));
         let fifo = self.fifo.map(|priority| format!("sched = {{ fifo = {priority} }}\n"));
         cpu.unwrap_or_default() + &fifo.unwrap_or_default()
     }
@@ -244,6 +242,17 @@ impl Bench {
 /// This program, as a process of a variant.
 fn own(variant: &str) -> Outcome<Vec<OsString>> {
     Ok(vec![std::env::current_exe()?.into(), "child".into(), variant.into()])
+}
+
+/// The processor of a process.
+fn cpu(role: Role, cpus: Option<Cpus>) -> Option<usize> {
+    let allowed = allowed_cpus();
+    let last = allowed.len().checked_sub(1)?;
+    let index = match (cpus?, role) {
+        (Cpus::Together, _) => last,
+        (Cpus::Spread, role) => (role as usize) % allowed.len(),
+    };
+    allowed.get(index).copied()
 }
 
 /// The processors that this process may use.

@@ -110,7 +110,8 @@ impl Supervisor {
                 ))
             })?;
         let generation = self.services[&name].generation + 1;
-        let rehearsal_wire = format!("rehearsal/{generation}/{wire}");
+        // No two have the same: the last candidate may still be on its way out.
+        let rehearsal_wire = format!("rehearsal/{}/{wire}", now_ns());
         let (next_text, rehearsal_text) = self.texts(&request, port, &wire, &rehearsal_wire)?;
         let rehearsal = self.domain.create(&rehearsal_wire, port)?;
         let tap = self.domain.tap(&rehearsal_wire, port)?;
