@@ -163,18 +163,22 @@ pub fn cpu_ns(pid: u32) -> Outcome<u64> {
 mod tests {
     use super::*;
 
+    /// The time on the processor [ns] of a program after a tenth of a second.
+    fn spent_ns(words: &[&str]) -> u64 {
+        let mut child = Command::new(words[0]).args(&words[1..]).spawn().unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(100));
+        let spent_ns = cpu_ns(child.id()).unwrap();
+        child.kill().unwrap();
+        child.wait().unwrap();
+        spent_ns
+    }
+
     #[test]
     fn time_on_the_processor_is_that_of_work_and_not_of_sleep() {
-        let worked = |work: &dyn Fn()| {
-            let before_ns = cpu_ns(std::process::id()).unwrap();
-            work();
-            cpu_ns(std::process::id()).unwrap() - before_ns
-        };
-        let asleep_ns = worked(&|| sleep_until(now_ns() + 50_000_000));
-        let awake_ns = worked(&|| {
-            let until_ns = now_ns() + 50_000_000;
-            while now_ns() < until_ns {}
-        });
-        assert!(awake_ns > asleep_ns, "{awake_ns} {asleep_ns}");
+        let (asleep_ns, awake_ns) = (
+            spent_ns(&["sleep", "60"]),
+            spent_ns(&["sh", "-c", "while :; do :; done"]),
+        );
+        assert!(awake_ns > 2 * asleep_ns, "{awake_ns} {asleep_ns}");
     }
 }

@@ -1,13 +1,14 @@
 //! How a reader that sleeps learns of a sample.
 //!
-//! Two bells hang on a wire. A futex, in a file of the system's folder, wakes a reader in a third of the time that
-//! iceoryx2's event takes where processors idle (bench `hop`); but only this shell rings it. The event, of the wire's name,
-//! is rung by every writer. So a reader waits for the futex. Once a sample has come that the futex was not rung for, it
+//! Two bells hang on a wire. A futex, in a file of the system's folder, is the cheapest wake-up that there is, and costs its
+//! ringer no system call where nobody sleeps; but only this shell rings it. The event, of the wire's name, is iceoryx2's,
+//! costs either side several calls, and is rung by every writer. So a reader waits for the futex. Once a sample has come that the futex was not rung for, it
 //! waits for the event, until the futex is rung again: the first sample of another kind of writer is late by one wait at
 //! the most. A bell can be missed, a sample never: every wait ends, and then its caller looks.
 //!
 //! What takes its writer some time, a frame, is heralded: all stages of its chain wake, look, and sleep again. Their code is
-//! in the caches and their processors are awake when it comes; otherwise a hop takes three times as long at sensor rates.
+//! in the caches and their processors are awake when it comes: at sensor rates a hop costs more for what is cold than for
+//! what it does (bench `compare`: paced against as fast as possible).
 //!
 //! The file, in words of eight bytes: magic; strokes so far (four bytes, 0); 1 where somebody may be asleep; the same two
 //! for heralds.
