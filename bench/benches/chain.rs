@@ -1,15 +1,14 @@
 //! A whole estimation cycle, from the camera's frame to the terrain: the real processes, paced by the camera, against the
 //! same libs called one after the other in one process at the same pace.
 
-use bench::{Options, Outcome, Report, Series};
+use bench::{Options, Outcome, Processes, Report, Series, programs};
 use clap::Parser;
 use messages::{Frame, Header, Message, Sinkage, Soil, Status, Terrain, Wheel};
-use shell::{Domain, Error, SystemFile, Tap, Termination, now_ns, sleep_until};
+use shell::{Error, Tap, Termination, now_ns, sleep_until};
 use simulation::Rover;
 use sinkage::SinkageTracker;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 use telemetry::{Event, SimulatedTelemetry};
 use terrain::TerrainFusion;
 use terramechanics::SoilEstimator;
@@ -20,8 +19,7 @@ const ROUNDS: usize = 3;
 /// Cycles in a round, at 30 a second.
 const CYCLES: usize = 120;
 const PERIOD_NS: u64 = 33_333_333;
-/// How long the process set may take to start, and the last cycles to arrive [ns].
-const START_MAX_NS: u64 = 30_000_000_000;
+/// How long the last cycles may take to arrive [ns].
 const DRAIN_NS: u64 = 500_000_000;
 
 #[derive(Parser)]
@@ -50,8 +48,8 @@ fn main() -> Outcome<()> {
     for _ in 0..ROUNDS {
         alone.iter_mut().chain(&mut processes).for_each(Series::begin_round);
         one_process(cycles, &mut alone, &termination)?;
-        let system = Processes::start(&termination)?;
-        let seen = system.watch(cycles, &termination)?;
+        let system = Processes::start(&built_in()?, &termination)?;
+        let seen = watch(&system, cycles, &termination)?;
         system.end()?;
         count.add(&seen, &mut processes);
     }
@@ -118,134 +116,42 @@ impl std::fmt::Display for Count {
     }
 }
 
-/// The built-in system under a name of its own. It ends with this value.
-struct Processes {
-    launcher: Child,
-    folder: tempfile::TempDir,
-    name: String,
+/// The built-in system under a name of its own.
+fn built_in() -> Outcome<String> {
+    let text = Command::new(programs()?.join("terrasense"))
+        .arg("default-system")
+        .output()?;
+    let name = format!("name = \"bench{}\"", std::process::id());
+    Ok(String::from_utf8(text.stdout)?.replace("name = \"rover\"", &name))
 }
 
-impl Processes {
-    /// Starts the system and waits until cycles come to their end.
-    fn start(termination: &Termination) -> Outcome<Self> {
-        let name = format!("bench{}", std::process::id());
-        let folder = tempfile::tempdir()?;
-        let text = Command::new(program()?).arg("default-system").output()?.stdout;
-        let text = String::from_utf8(text)?.replace("name = \"rover\"", &format!("name = \"{name}\""));
-        let (file, log) = (folder.path().join("rover.toml"), folder.path().join("log"));
-        std::fs::write(&file, text)?;
-        let mut command = Command::new(program()?);
-        command
-            .arg("up")
-            .arg(&file)
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(std::fs::File::create(log)?);
-        shell::bind_to_parent(&mut command);
-        let mut system = Self {
-            launcher: command.spawn()?,
-            folder,
-            name,
-        };
-        let last_ns = now_ns() + START_MAX_NS;
-        while !system.cycles_come()? {
-            let ended = system.launcher.try_wait()?.is_some();
-            if ended || now_ns() > last_ns || termination.requested() {
-                return Err(format!("the system does not start:\n{}", system.log()).into());
-            }
-            sleep_until(now_ns() + 100_000_000);
+/// Looks on for so many frames, and until their cycles are over.
+fn watch(system: &Processes, cycles: usize, termination: &Termination) -> Outcome<Seen> {
+    let domain = system.enter()?;
+    let sinkage = Tap::<Sinkage>::open(&domain, "front/sinkage")?;
+    let soil = Tap::<Soil>::open(&domain, "front/soil")?;
+    let terrain = Tap::<Terrain>::open(&domain, "front/terrain")?;
+    // Last: of every frame that is seen, what follows is seen too.
+    let frames = Tap::<Frame>::open(&domain, "front/frames")?;
+    let mut seen = Seen::default();
+    let mut last_ns = None;
+    while last_ns.is_none_or(|last_ns| now_ns() < last_ns) {
+        if termination.requested() {
+            return Err("told to end".into());
         }
-        Ok(system)
-    }
-
-    fn file(&self) -> Outcome<SystemFile> {
-        let path = self.folder.path().join("rover.toml");
-        Ok(SystemFile::read(&path.display().to_string())?)
-    }
-
-    fn cycles_come(&self) -> Outcome<bool> {
-        let system = self.file()?;
-        // Before the launcher has made its folder there is nothing to enter.
-        if !Path::new(&system.root()).join("started_ns").exists() {
-            return Ok(false);
+        let [seen_frames, seen_sinkage, seen_soil, seen_terrain] = &mut seen.published_ns;
+        if last_ns.is_none() {
+            drain(&frames, seen_frames)?;
         }
-        let Ok(domain) = Domain::enter(&system, "bench") else {
-            return Ok(false);
-        };
-        let Ok(tap) = Tap::<Terrain>::open(&domain, "front/terrain") else {
-            return Ok(false);
-        };
-        let last_ns = now_ns() + DRAIN_NS;
-        while now_ns() < last_ns {
-            if tap.poll(|_| ())?.is_some() {
-                return Ok(true);
-            }
-            tap.wait()?;
+        drain(&sinkage, seen_sinkage)?;
+        drain(&soil, seen_soil)?;
+        drain(&terrain, seen_terrain)?;
+        if last_ns.is_none() && seen_frames.len() >= cycles {
+            last_ns = Some(now_ns() + DRAIN_NS);
         }
-        Ok(false)
+        terrain.wait()?;
     }
-
-    /// Looks on for so many frames, and until their cycles are over.
-    fn watch(&self, cycles: usize, termination: &Termination) -> Outcome<Seen> {
-        let domain = Domain::enter(&self.file()?, "bench")?;
-        let sinkage = Tap::<Sinkage>::open(&domain, "front/sinkage")?;
-        let soil = Tap::<Soil>::open(&domain, "front/soil")?;
-        let terrain = Tap::<Terrain>::open(&domain, "front/terrain")?;
-        // Last: of every frame that is seen, what follows is seen too.
-        let frames = Tap::<Frame>::open(&domain, "front/frames")?;
-        let mut seen = Seen::default();
-        let mut last_ns = None;
-        while last_ns.is_none_or(|last_ns| now_ns() < last_ns) {
-            if termination.requested() {
-                return Err("told to end".into());
-            }
-            let [seen_frames, seen_sinkage, seen_soil, seen_terrain] = &mut seen.published_ns;
-            if last_ns.is_none() {
-                drain(&frames, seen_frames)?;
-            }
-            drain(&sinkage, seen_sinkage)?;
-            drain(&soil, seen_soil)?;
-            drain(&terrain, seen_terrain)?;
-            if last_ns.is_none() && seen_frames.len() >= cycles {
-                last_ns = Some(now_ns() + DRAIN_NS);
-            }
-            terrain.wait()?;
-        }
-        Ok(seen)
-    }
-
-    /// Ends the system as a person would, and makes sure that it went well.
-    fn end(mut self) -> Outcome<()> {
-        self.signal();
-        let status = self.launcher.wait()?;
-        if status.success() {
-            Ok(())
-        } else {
-            Err(format!("{status}:\n{}", self.log()).into())
-        }
-    }
-
-    fn signal(&self) {
-        let pid = i32::try_from(self.launcher.id())
-            .ok()
-            .and_then(rustix::process::Pid::from_raw);
-        let _ = pid.map(|pid| rustix::process::kill_process(pid, rustix::process::Signal::TERM));
-    }
-
-    fn log(&self) -> String {
-        std::fs::read_to_string(self.folder.path().join("log")).unwrap_or_default()
-    }
-}
-
-impl Drop for Processes {
-    fn drop(&mut self) {
-        if let Ok(None) = self.launcher.try_wait() {
-            self.signal();
-            let _ = self.launcher.wait();
-        }
-        let clean = program().map(|program| Command::new(program).args(["clean", "--name", &self.name]).output());
-        drop(clean);
-    }
+    Ok(seen)
 }
 
 /// Notes when each sample that is there was published.
@@ -254,11 +160,6 @@ fn drain<T: Message>(tap: &Tap<T>, seen: &mut BTreeMap<u64, u64>) -> Result<(), 
         seen.insert(header.sequence, header.published_ns);
     }
     Ok(())
-}
-
-/// The `terrasense` command.
-fn program() -> Outcome<PathBuf> {
-    Ok(bench::programs()?.join("terrasense"))
 }
 
 /// The same work in one process: the picture is taken, then one lib after the other is called.

@@ -28,6 +28,16 @@ impl Processes {
     /// # Errors
     /// It does not start, with what it said; or the bench was told to end.
     pub fn start(text: &str, termination: &Termination) -> Outcome<Self> {
+        let mut processes = Self::launch(text)?;
+        processes.wait_until(now_ns() + START_MAX_NS, termination, Self::all_run)?;
+        Ok(processes)
+    }
+
+    /// Starts the system of a file.
+    ///
+    /// # Errors
+    /// The launcher is not there, or the file is wrong.
+    pub fn launch(text: &str) -> Outcome<Self> {
         let folder = tempfile::tempdir()?;
         let (file, log) = (folder.path().join("system.toml"), folder.path().join("log"));
         std::fs::write(&file, text)?;
@@ -39,21 +49,32 @@ impl Processes {
             .stdout(Stdio::null())
             .stderr(std::fs::File::create(log)?);
         shell::bind_to_parent(&mut command);
-        let mut processes = Self {
+        Ok(Self {
+            system: SystemFile::parse("the bench's system", text)?,
             launcher: command.spawn()?,
             folder,
-            system: SystemFile::parse("the bench's system", text)?,
             services: Vec::new(),
-        };
-        let last_ns = now_ns() + START_MAX_NS;
-        while !processes.all_run() {
-            let ended = processes.launcher.try_wait()?.is_some();
+        })
+    }
+
+    /// Waits until something is `so`.
+    ///
+    /// # Errors
+    /// The launcher ends before, with what it said; it is not so by `last_ns`; or the bench was told to end.
+    pub fn wait_until(
+        &mut self,
+        last_ns: u64,
+        termination: &Termination,
+        mut so: impl FnMut(&mut Self) -> bool,
+    ) -> Outcome<()> {
+        while !so(self) {
+            let ended = self.launcher.try_wait()?.is_some();
             if ended || now_ns() > last_ns || termination.requested() {
-                return Err(format!("the system does not start:\n{}", processes.log()).into());
+                return Err(format!("the system ends too early, or too late:\n{}", self.log()).into());
             }
             sleep_until(now_ns() + LOOK_NS);
         }
-        Ok(processes)
+        Ok(())
     }
 
     /// A place in the system.

@@ -1,6 +1,6 @@
 //! A run of one variant: its processes, from the start to their stamps.
 
-use crate::terrasense::Rover;
+use crate::terrasense;
 use bench::compare::{Pace, Part, Role, Stamps};
 use bench::{Outcome, ScratchSystem};
 use rustix::thread::sched_getaffinity;
@@ -117,7 +117,7 @@ impl Bench {
                     _ => self.cpus,
                 };
                 let place = |role| self.place(role, cpus);
-                Rover::start(&part(Role::Source), place)?.wait(last_ns, &self.termination)?;
+                terrasense::run(&part(Role::Source), place, last_ns, &self.termination)?;
                 &[Role::Source, Role::Terrain]
             }
             Variant::Iceoryx2 => {

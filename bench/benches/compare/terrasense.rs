@@ -3,17 +3,14 @@
 use bench::compare::{
     Part, Point, Read, Role, SourceEnds, Stamps, WAIT_MAX, Write, WriteFrames, play_source, write_frame,
 };
-use bench::{Outcome, programs};
+use bench::{Outcome, Processes, programs};
 use messages::{Frame, Header, Sinkage, Soil, Terrain, Wheel};
-use shell::{Domain, Error, Output, SystemFile, Tap, Termination, now_ns, sleep_until};
+use shell::{Domain, Error, Output, SystemFile, Tap, Termination, now_ns};
 use std::cell::RefCell;
-use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitCode, Stdio};
+use std::path::Path;
+use std::process::ExitCode;
 use std::rc::Rc;
 use zerocopy::IntoBytes;
-
-/// Between two looks for the end of a run [ns].
-const LOOK_NS: u64 = 50_000_000;
 
 /// The source as a service: `compare SYSTEM.TOML source`.
 pub fn serve() -> ExitCode {
@@ -113,76 +110,15 @@ impl Read<Terrain> for Control {
     }
 }
 
-/// A running system. It ends with this value.
-pub struct Rover {
-    launcher: Child,
-    folder: PathBuf,
-    name: String,
-}
-
-impl Rover {
-    /// Starts the system. `place` are the lines of a service's table that say where and how it runs.
-    pub fn start(part: &Part, place: impl Fn(Role) -> String) -> Outcome<Self> {
-        let name = format!("compare{}", std::process::id());
-        let (file, log) = (part.folder.join("rover.toml"), part.folder.join("log"));
-        std::fs::write(&file, system_file(&name, part, place)?)?;
-        let mut command = Command::new(programs()?.join("terrasense"));
-        command
-            .arg("up")
-            .arg(&file)
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(std::fs::File::create(log)?);
-        shell::bind_to_parent(&mut command);
-        Ok(Self {
-            launcher: command.spawn()?,
-            folder: part.folder.clone(),
-            name,
-        })
-    }
-
-    /// Waits until the source has left its stamps.
-    pub fn wait(mut self, last_ns: u64, termination: &Termination) -> Outcome<()> {
-        while !Part::stamps(&self.folder, Role::Source).exists() {
-            let ended = self.launcher.try_wait()?.is_some();
-            if ended || termination.requested() || now_ns() > last_ns {
-                return Err(format!("the system does not come to its end:\n{}", self.log()).into());
-            }
-            sleep_until(now_ns() + LOOK_NS);
-        }
-        self.signal();
-        let status = self.launcher.wait()?;
-        if status.success() {
-            return Ok(());
-        }
-        Err(format!("{status}:\n{}", self.log()).into())
-    }
-
-    fn signal(&self) {
-        let pid = i32::try_from(self.launcher.id())
-            .ok()
-            .and_then(rustix::process::Pid::from_raw);
-        let _ = pid.map(|pid| rustix::process::kill_process(pid, rustix::process::Signal::TERM));
-    }
-
-    fn log(&self) -> String {
-        std::fs::read_to_string(self.folder.join("log")).unwrap_or_default()
-    }
-}
-
-impl Drop for Rover {
-    fn drop(&mut self) {
-        if let Ok(None) = self.launcher.try_wait() {
-            self.signal();
-            let _ = self.launcher.wait();
-        }
-        let clean = |programs: PathBuf| {
-            Command::new(programs.join("terrasense"))
-                .args(["clean", "--name", &self.name])
-                .output()
-        };
-        drop(programs().map(clean));
-    }
+/// Runs the system until its source has left its stamps. `place` are the lines of a service's table that say where and how
+/// it runs.
+pub fn run(part: &Part, place: impl Fn(Role) -> String, last_ns: u64, termination: &Termination) -> Outcome<()> {
+    let name = format!("compare{}", std::process::id());
+    let mut system = Processes::launch(&system_file(&name, part, place)?)?;
+    system.wait_until(last_ns, termination, |_| {
+        Part::stamps(&part.folder, Role::Source).exists()
+    })?;
+    system.end()
 }
 
 fn system_file(name: &str, part: &Part, place: impl Fn(Role) -> String) -> Outcome<String> {

@@ -13,6 +13,7 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::prelude::{
     Alignment, CallbackProgression, Config, FileName, NodeBuilder, SemanticString, ServiceName, WaitSetBuilder, ipc,
 };
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use iceoryx2::waitset::WaitSetRunResult;
 use messages::{Frame, Header, Message};
 use shell::SystemFile;
@@ -60,6 +61,17 @@ impl Textbook {
         }))
     }
 
+    /// Pictures, of as many bytes as a frame.
+    fn frames(&self) -> Outcome<PortFactory<ipc::Service, [u8], ()>> {
+        Ok(self
+            .0
+            .service_builder(&ServiceName::new("frames")?)
+            .publish_subscribe::<[u8]>()
+            .payload_alignment(Alignment::new(align_of::<Frame>()).ok_or("no alignment")?)
+            .subscriber_max_buffer_size(FRAMES_MAX)
+            .open_or_create()?)
+    }
+
     fn reader<T: Message>(&self, wire: &str, waits: bool) -> Outcome<Box<dyn Read<T>>> {
         let service = self
             .0
@@ -91,14 +103,8 @@ impl Textbook {
 
 impl Transport for Textbook {
     fn source(&self) -> Outcome<SourceEnds> {
-        let service = self
-            .0
-            .service_builder(&ServiceName::new("frames")?)
-            .publish_subscribe::<[u8]>()
-            .payload_alignment(Alignment::new(align_of::<Frame>()).ok_or("no alignment")?)
-            .subscriber_max_buffer_size(FRAMES_MAX)
-            .open_or_create()?;
-        let publisher = service
+        let publisher = self
+            .frames()?
             .publisher_builder()
             .initial_max_slice_len(size_of::<Frame>())
             .create()?;
@@ -113,14 +119,7 @@ impl Transport for Textbook {
     }
 
     fn sinkage(&self) -> Outcome<SinkageEnds> {
-        let service = self
-            .0
-            .service_builder(&ServiceName::new("frames")?)
-            .publish_subscribe::<[u8]>()
-            .payload_alignment(Alignment::new(align_of::<Frame>()).ok_or("no alignment")?)
-            .subscriber_max_buffer_size(FRAMES_MAX)
-            .open_or_create()?;
-        let subscriber = service.subscriber_builder().create()?;
+        let subscriber = self.frames()?.subscriber_builder().create()?;
         let receive = move |act: &mut dyn FnMut(&Frame) -> Outcome<bool>| {
             let Some(sample) = subscriber.receive()? else {
                 return Ok(None);
