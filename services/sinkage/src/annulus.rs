@@ -2,8 +2,11 @@
 
 use crate::cells::{Cells, Lookup, Sums};
 use crate::center::Shift;
+use crate::contrast::Contrast;
+use crate::lip::LipLookup;
 use crate::rim::Rim;
 use crate::ring::{Ring, RingLookup};
+use crate::rows::ROWS;
 
 /// How far the refined rim may be from the prepared one [px]: what remains is taken off the answer.
 const TOLERANCE_PX: f64 = 0.4;
@@ -15,6 +18,8 @@ pub struct Annulus {
     prepared: Option<(Rim, usize, Shift)>,
     cells: Lookup,
     ring: RingLookup,
+    lip: LipLookup,
+    lips: [Ring; 2],
 }
 
 impl Annulus {
@@ -25,6 +30,8 @@ impl Annulus {
             prepared: None,
             cells: Lookup::new(),
             ring: RingLookup::new(),
+            lip: LipLookup::new(),
+            lips: [[0.0; ROWS]; 2],
         }
     }
 
@@ -48,15 +55,25 @@ impl Annulus {
         let moved = shift.applied(rim);
         self.cells.prepare(&moved, width);
         self.ring.prepare(&moved, width, height);
+        self.lip.prepare(&moved, width, height);
         self.prepared = Some((rim.clone(), width, shift));
         Shift::NONE
     }
 
     /// Sums up the cells and the steps across the outer edge: `[left, right]`.
     #[inline(always)]
-    pub fn measure(&self, image: &[u8], table: &[Sums; 256], cells: &mut [Cells; 2], rings: &mut [Ring; 2]) {
+    pub fn measure(&mut self, image: &[u8], table: &[Sums; 256], cells: &mut [Cells; 2], rings: &mut [Ring; 2]) {
         self.cells.accumulate(image, table, cells);
         self.ring.measure(image, table, rings);
+        self.lip.measure(image, table, &mut self.lips);
+    }
+
+    /// Adds what the rim's inner edge says to the features of the left or the right side, `side` 0 or 1.
+    #[inline(always)]
+    pub fn mark(&self, side: usize, contrast: &mut Contrast) {
+        if let Some(lip) = self.lips.get(side) {
+            self.lip.mark(lip, contrast);
+        }
     }
 }
 

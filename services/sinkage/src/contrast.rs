@@ -412,9 +412,14 @@ fn add(sums: &mut [f32], terms: &[f32]) {
 
 /// Height at which the line through the pivot at this row meets the outer circle; NaN where it does not.
 fn meets_circle(row: usize, tilt: f32) -> f32 {
+    line_meets(row, tilt, 1.0)
+}
+
+/// The same of a circle of this radius.
+pub(crate) fn line_meets(row: usize, tilt: f32, radius: f32) -> f32 {
     let start = row as f32 / ROWS as f32 - tilt * PIVOT;
-    // z = start + tilt x and x² + z² = 1, x >= 0
-    let (a, b, c) = (1.0 + tilt * tilt, tilt * start, start * start - 1.0);
+    // z = start + tilt x and x² + z² = radius², x >= 0
+    let (a, b, c) = (1.0 + tilt * tilt, tilt * start, start * start - radius * radius);
     let x = (-b + (b * b - a * c).sqrt()) / a;
     if x >= 0.0 { start + tilt * x } else { f32::NAN }
 }

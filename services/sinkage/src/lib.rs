@@ -11,6 +11,7 @@ pub mod center;
 pub mod contrast;
 pub mod filter;
 pub mod interface;
+pub mod lip;
 pub mod posterior;
 pub mod profile;
 pub mod rim;
@@ -128,9 +129,10 @@ impl SinkageTracker {
         self.annulus
             .measure(image, &self.table, &mut self.cells, &mut self.rings);
         let mut sides = [None, None];
-        for ((side, cells), ring) in sides.iter_mut().zip(&*self.cells).zip(&self.rings) {
+        for (k, ((side, cells), ring)) in sides.iter_mut().zip(&*self.cells).zip(&self.rings).enumerate() {
             let visible = f64::from(cells.pixels()) >= SHARE_MIN * rim.side_px;
             if self.contrast.measure(cells, ring) >= CONTRAST_MIN && visible {
+                self.annulus.mark(k, &mut self.contrast);
                 *side = Some(Posterior::new(&self.contrast, &self.weights));
             }
         }

@@ -21,7 +21,7 @@ const GROUPS: usize = BINS / GROUP;
 /// Standard deviation of the difference of the two sides' heights, in outer radii.
 const LEVEL: f32 = 0.1;
 /// What the greatest difference costs, in the logarithm of the probability: there are steep grounds.
-const LEVEL_COST_MAX: f32 = 4.0;
+const LEVEL_COST_MAX: f32 = 2.0;
 
 /// Probability of each bin.
 #[derive(Clone, Debug, PartialEq)]

@@ -41,6 +41,7 @@ pub fn profiles(frame: &Frame) -> Option<[Profile; 2]> {
     let (mut contrast, weights) = (Contrast::new(), Weights::fitted());
     Some([0, 1].map(|side| {
         contrast.measure(&cells[side], &rings[side]);
+        annulus.mark(side, &mut contrast);
         Profile {
             intensity: intensity(&sides[side]),
             score: score(&Posterior::new(&contrast, &weights)),

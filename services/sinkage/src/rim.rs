@@ -20,6 +20,8 @@ pub struct Rim {
     pub image: [f64; 9],
     /// Inner radius of the annulus, in outer wheel radii.
     pub inner: f64,
+    /// Radius of the rim's inner edge itself, in outer wheel radii.
+    pub lip: f64,
     /// Outer radius of the annulus, in outer wheel radii.
     pub outer: f64,
     /// Columns of the picture that can show the lower half of the annulus; empty where it lies outside.
@@ -61,6 +63,7 @@ impl Rim {
             plane,
             image,
             inner,
+            lip: rim_px / wheel_px,
             outer,
             columns,
             rows,

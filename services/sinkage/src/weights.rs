@@ -49,12 +49,18 @@ pub enum Feature {
     EdgeFree,
     /// The same over all below.
     EdgeBuried,
+    /// Log of the step across the rim's inner edge just above where the line meets it.
+    LipAbove,
+    /// The same just below.
+    LipBelow,
+    /// The same over all below.
+    LipBuried,
 }
 
 /// Number of [`Feature`]s.
-pub const FEATURES: usize = Feature::EdgeBuried as usize + 1;
+pub const FEATURES: usize = Feature::LipBuried as usize + 1;
 /// Units of the hidden layer.
-pub const UNITS: usize = 16;
+pub const UNITS: usize = 12;
 
 /// Names of the features in the file, in order.
 pub const NAMES: [&str; FEATURES] = [
@@ -81,6 +87,9 @@ pub const NAMES: [&str; FEATURES] = [
     "edge_below",
     "edge_free",
     "edge_buried",
+    "lip_above",
+    "lip_below",
+    "lip_buried",
 ];
 
 /// One unit: `out * max(0, bias + weights · features)` is added to a line's score.

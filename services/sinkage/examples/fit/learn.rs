@@ -3,7 +3,7 @@
 use sinkage::contrast::{Contrast, FIRST};
 use sinkage::posterior::{BINS, Posterior};
 use sinkage::rows::ROWS;
-use sinkage::weights::{FEATURES, UNITS, Unit, Weights};
+use sinkage::weights::{FEATURES, Feature, UNITS, Unit, Weights};
 use std::ops::Range;
 use std::thread;
 
@@ -114,16 +114,17 @@ pub fn likelihood(sides: &[Side], weights: &Weights) -> f32 {
 
 /// Fits weights to sides, from several beginnings; the best is the one that makes the unseen sides the most likely.
 pub fn fit(sides: &[Side], unseen: &[Side], seeds: Range<u64>) -> Option<Weights> {
-    let mut scale = [1e-6_f32; FEATURES];
-    let count: usize = sides.iter().map(|side| side.lines.len()).sum();
-    for line in sides.iter().flat_map(|side| &side.lines) {
-        for (scale, value) in scale.iter_mut().zip(line) {
-            *scale += value * value / count as f32;
-        }
-    }
-    let scale = scale.map(f32::sqrt);
+    let scale = scale(sides);
     let mut parameters = [0.0; PARAMETERS];
-    descend(sides, &scale, &mut parameters, false, seeds.start, 30, 1e-3);
+    let linear = Descent {
+        hidden: false,
+        fitted: |k| k < LENGTH,
+        seed: seeds.start,
+        epochs: 30,
+        rate: 0.05,
+        ridge: 1e-3,
+    };
+    linear.run(sides, &scale, &mut parameters, &[0.0; PARAMETERS]);
     let weights = unpack(&parameters, &scale);
     let reduced: Vec<Side> = sides.iter().map(|side| side.reduced(&weights)).collect();
     let begin = |seed: u64| {
@@ -133,7 +134,15 @@ pub fn fit(sides: &[Side], unseen: &[Side], seeds: Range<u64>) -> Option<Weights
             let within = (k - LENGTH) % (LENGTH + 2);
             *parameter = if within == 0 { 0.0 } else { 0.6 * random.symmetric() };
         }
-        descend(&reduced, &scale, &mut parameters, true, seed, 60, 3e-4);
+        let whole = Descent {
+            hidden: true,
+            fitted: |_| true,
+            seed,
+            epochs: 60,
+            rate: 0.01,
+            ridge: 3e-4,
+        };
+        whole.run(&reduced, &scale, &mut parameters, &[0.0; PARAMETERS]);
         let weights = unpack(&parameters, &scale);
         (likelihood(unseen, &weights), weights)
     };
@@ -143,6 +152,61 @@ pub fn fit(sides: &[Side], unseen: &[Side], seeds: Range<u64>) -> Option<Weights
         let fits = workers.into_iter().filter_map(|worker| worker.join().ok());
         fits.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, weights)| weights)
     })
+}
+
+/// Fits the weights of those features that `known` does not know, and keeps the others.
+pub fn add(sides: &[Side], known: &Weights) -> Weights {
+    let scale = scale(sides);
+    let reduced: Vec<Side> = sides.iter().map(|side| side.reduced(known)).collect();
+    let mut parameters = pack(known, &scale);
+    let home = parameters;
+    let descent = Descent {
+        hidden: true,
+        fitted: |k| {
+            let feature = if k < LENGTH {
+                Some(k)
+            } else {
+                ((k - LENGTH) % (LENGTH + 2)).checked_sub(2)
+            };
+            feature.is_some_and(|k| (Feature::LipAbove as usize..FEATURES).contains(&k))
+        },
+        seed: 1,
+        epochs: 12,
+        rate: 0.01,
+        ridge: 0.0,
+    };
+    descent.run(&reduced, &scale, &mut parameters, &home);
+    Weights {
+        bias: known.bias,
+        sigma: known.sigma,
+        temper: known.temper,
+        ..unpack(&parameters, &scale)
+    }
+}
+
+/// Root mean square of each feature.
+fn scale(sides: &[Side]) -> [f32; FEATURES] {
+    let mut scale = [1e-6_f32; FEATURES];
+    let count: usize = sides.iter().map(|side| side.lines.len()).sum();
+    for line in sides.iter().flat_map(|side| &side.lines) {
+        for (scale, value) in scale.iter_mut().zip(line) {
+            *scale += value * value / count as f32;
+        }
+    }
+    scale.map(f32::sqrt)
+}
+
+fn pack(weights: &Weights, scale: &[f32; FEATURES]) -> [f32; PARAMETERS] {
+    let mut parameters = [0.0; PARAMETERS];
+    for k in 0..FEATURES {
+        parameters[k] = weights.features[k] * scale[k];
+        for (unit, place) in weights.units.iter().zip((LENGTH..).step_by(LENGTH + 2)) {
+            parameters[place] = unit.out;
+            parameters[place + 1] = unit.bias;
+            parameters[place + 2 + k] = unit.weights[k] * scale[k];
+        }
+    }
+    parameters
 }
 
 fn unpack(parameters: &[f32; PARAMETERS], scale: &[f32; FEATURES]) -> Weights {
@@ -164,43 +228,56 @@ fn unpack(parameters: &[f32; PARAMETERS], scale: &[f32; FEATURES]) -> Weights {
 }
 
 /// Adam over batches of sides.
-fn descend(
-    sides: &[Side],
-    scale: &[f32; FEATURES],
-    parameters: &mut [f32; PARAMETERS],
+struct Descent {
+    /// Whether the units count.
     hidden: bool,
+    /// Whether a parameter is fitted.
+    fitted: fn(usize) -> bool,
     seed: u64,
     epochs: usize,
+    /// What the steps begin at; they fall to nothing.
+    rate: f32,
+    /// Pull to `home`.
     ridge: f32,
-) {
-    const BATCH: usize = 16;
-    let inverse = scale.map(f32::recip);
-    let lines: Vec<Vec<Line>> = sides
-        .iter()
-        .map(|side| side.lines.iter().map(|line| scaled(line, &inverse)).collect())
-        .collect();
-    let mut random = Random(seed ^ 0x5eed);
-    let (mut mean, mut square) = ([0.0_f32; PARAMETERS], [0.0_f32; PARAMETERS]);
-    let mut order: Vec<usize> = (0..sides.len()).collect();
-    let (mut step, steps) = (0, epochs * sides.len().div_ceil(BATCH));
-    for _ in 0..epochs {
-        for k in (1..order.len()).rev() {
-            order.swap(k, random.below(k + 1));
-        }
-        for batch in order.chunks(BATCH) {
-            let mut gradient = [0.0; PARAMETERS];
-            for side in batch {
-                accumulate(&sides[*side], &lines[*side], parameters, hidden, &mut gradient);
+}
+
+impl Descent {
+    fn run(
+        &self,
+        sides: &[Side],
+        scale: &[f32; FEATURES],
+        parameters: &mut [f32; PARAMETERS],
+        home: &[f32; PARAMETERS],
+    ) {
+        const BATCH: usize = 16;
+        let inverse = scale.map(f32::recip);
+        let lines: Vec<Vec<Line>> = sides
+            .iter()
+            .map(|side| side.lines.iter().map(|line| scaled(line, &inverse)).collect())
+            .collect();
+        let mut random = Random(self.seed ^ 0x5eed);
+        let (mut mean, mut square) = ([0.0_f32; PARAMETERS], [0.0_f32; PARAMETERS]);
+        let mut order: Vec<usize> = (0..sides.len()).collect();
+        let (mut step, steps) = (0, self.epochs * sides.len().div_ceil(BATCH));
+        for _ in 0..self.epochs {
+            for k in (1..order.len()).rev() {
+                order.swap(k, random.below(k + 1));
             }
-            step += 1;
-            let rate = if hidden { 0.01 } else { 0.05 } * (1.0 - step as f32 / (steps as f32 + 1.0));
-            let (first, second) = (1.0 - 0.9_f32.powi(step), 1.0 - 0.99_f32.powi(step));
-            for k in 0..PARAMETERS {
-                let slope = gradient[k] / batch.len() as f32 + 2.0 * ridge * parameters[k];
-                mean[k] += 0.1 * (slope - mean[k]);
-                square[k] += 0.01 * (slope * slope - square[k]);
-                if hidden || k < LENGTH {
-                    parameters[k] -= rate * (mean[k] / first) / ((square[k] / second).sqrt() + 1e-8);
+            for batch in order.chunks(BATCH) {
+                let mut gradient = [0.0; PARAMETERS];
+                for side in batch {
+                    accumulate(&sides[*side], &lines[*side], parameters, self.hidden, &mut gradient);
+                }
+                step += 1;
+                let rate = self.rate * (1.0 - step as f32 / (steps as f32 + 1.0));
+                let (first, second) = (1.0 - 0.9_f32.powi(step), 1.0 - 0.99_f32.powi(step));
+                for k in 0..PARAMETERS {
+                    let slope = gradient[k] / batch.len() as f32 + 2.0 * self.ridge * (parameters[k] - home[k]);
+                    mean[k] += 0.1 * (slope - mean[k]);
+                    square[k] += 0.01 * (slope * slope - square[k]);
+                    if (self.fitted)(k) {
+                        parameters[k] -= rate * (mean[k] / first) / ((square[k] / second).sqrt() + 1e-8);
+                    }
                 }
             }
         }

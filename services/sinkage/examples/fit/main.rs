@@ -3,6 +3,9 @@
 //! ```text
 //! cargo run --release -p sinkage --example fit > weights.txt && mv weights.txt services/sinkage/src/
 //! ```
+//!
+//! It keeps the weights of `beginning.txt` beside this file, and fits those of the features that they do not know. With
+//! `--anew` it fits all of them from nothing, several times.
 
 mod learn;
 
@@ -23,13 +26,19 @@ use zerocopy::FromZeros;
 /// Seeds of the scenes of each condition.
 const FITTED: Range<u64> = 1000..1400;
 const CALIBRATED: Range<u64> = 100_000..100_060;
-/// Seeds of the fit itself.
+/// Seeds of the fits from nothing.
 const BEGINNINGS: Range<u64> = 1..5;
 
 fn main() {
-    let unseen = sides(CALIBRATED);
-    if let Some(mut weights) = learn::fit(&sides(FITTED), &unseen, BEGINNINGS) {
-        calibrate(&mut weights, &unseen);
+    let weights = if std::env::args().any(|argument| argument == "--anew") {
+        let unseen = sides(CALIBRATED);
+        let fitted = learn::fit(&sides(FITTED), &unseen, BEGINNINGS);
+        fitted.map(|weights| calibrated(weights, &unseen))
+    } else {
+        let known = Weights::parse(include_str!("beginning.txt"));
+        Some(learn::add(&sides(FITTED), &known))
+    };
+    if let Some(weights) = weights {
         print!("{}", text(&weights));
     }
 }
@@ -69,6 +78,7 @@ fn measure(scenes: &[(Condition, u64)]) -> Vec<Side> {
         annulus.measure(frame.image(), &table, &mut cells, &mut rings);
         for (side, angle) in [truth.left_rad, truth.right_rad].into_iter().enumerate() {
             contrast.measure(&cells[side], &rings[side]);
+            annulus.mark(side, &mut contrast);
             sides.push(Side::of(&contrast, angle.cos() as f32));
         }
     }
@@ -76,8 +86,8 @@ fn measure(scenes: &[(Condition, u64)]) -> Vec<Side> {
 }
 
 /// Chooses how sharp the probabilities are, and what error remains, from scenes that were not fitted.
-fn calibrate(weights: &mut Weights, sides: &[Side]) {
-    let fitted = *weights;
+fn calibrated(fitted: Weights, sides: &[Side]) -> Weights {
+    let mut weights = fitted;
     let likelihood = |temper: f32| {
         let mut weights = fitted;
         weights.temper = temper;
@@ -89,7 +99,7 @@ fn calibrate(weights: &mut Weights, sides: &[Side]) {
         .max_by(|a, b| a.0.total_cmp(&b.0));
     weights.temper = best.map_or(1.0, |(_, temper)| temper);
     let error = |side: &Side| {
-        let Interface { cosine, .. } = learn::posterior(side, weights).interface(weights)?;
+        let Interface { cosine, .. } = learn::posterior(side, &weights).interface(&weights)?;
         Some(cosine as f32 - side.truth)
     };
     let mut errors: Vec<f32> = sides
@@ -103,14 +113,16 @@ fn calibrate(weights: &mut Weights, sides: &[Side]) {
     let mut sizes: Vec<f32> = errors.iter().map(|error| (error - weights.bias).abs()).collect();
     sizes.sort_by(f32::total_cmp);
     weights.sigma = 0.5 * sizes.get(sizes.len() * 95 / 100).copied().unwrap_or(0.02);
+    weights
 }
 
 fn text(weights: &Weights) -> String {
     let numbers = |values: Vec<f32>| values.iter().map(|value| format!(" {value:.4e}")).collect::<String>();
     let units = |of: fn(&Unit) -> f32| numbers(weights.units.iter().map(of).collect());
     let mut text = format!(
-        "# Weights of the contrast method, printed by `cargo run --release -p sinkage --example fit`: one frame of each of\n\
-         # the scenes {FITTED:?} (bias, sigma, temper and which of the fits {BEGINNINGS:?}: {CALIBRATED:?}) of the six conditions in shared/simulation.\n\
+        "# Weights of the contrast method, printed by `cargo run --release -p sinkage --example fit`: the lip's from one frame\n\
+         # of each of the scenes {FITTED:?} of the six conditions in shared/simulation, all others from examples/fit/beginning.txt.\n\
+         # (With `--anew` all are from those scenes; bias, sigma, temper and which of the fits {BEGINNINGS:?}: {CALIBRATED:?}.)\n\
          # A feature's line: its weight in the score, then in each unit of the hidden layer.\n"
     );
     for (k, name) in NAMES.iter().enumerate() {

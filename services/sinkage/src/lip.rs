@@ -1,0 +1,141 @@
+//! The rim's inner edge: above the soil the rim begins at it, below it soil lies on either side. The edge of a shadow
+//! hides nothing of it.
+
+use crate::cells::Sums;
+use crate::contrast::{Contrast, FIRST, TILTS, line_meets};
+use crate::rim::{Rim, project};
+use crate::ring::Ring;
+use crate::rows::ROWS;
+use crate::weights::Feature;
+
+/// Distances from the edge, inwards and outwards, in outer radii: far enough from it for a radius that is wrong by 0.5 %.
+const AWAY: [f64; 3] = [0.014, 0.022, 0.030];
+const RADII: usize = AWAY.len();
+/// A pixel outside of any picture.
+const NOWHERE: u32 = u32::MAX;
+/// Rows next to a line whose inner edge may be soil or not.
+const GAP: usize = 1;
+/// Rows above and below a line that are looked at.
+const WIDE: usize = 12;
+/// Rows below a line's ends that the soil line may sag between them.
+const SAG: usize = 8;
+/// A middling step across the inner edge, and for how many rows it counts.
+const STEP: f32 = 0.3;
+const STEP_ROWS: f32 = 3.0;
+/// Step below which nothing is told apart.
+const STEP_MIN: f32 = 0.02;
+
+/// The pixels on either side of the inner edge: prepared once for a rim that stays where it is in the picture.
+#[derive(Clone, Debug)]
+pub struct LipLookup {
+    pixels: [[[u32; 2 * RADII]; ROWS]; 2],
+    /// Rows down to the edge's lowest point.
+    end: usize,
+    /// Row at which each line meets the edge, [`LipLookup::end`] where it passes below.
+    meets: [[u8; ROWS]; TILTS.len()],
+}
+
+impl LipLookup {
+    /// Without a rim.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            pixels: [[[NOWHERE; 2 * RADII]; ROWS]; 2],
+            end: 0,
+            meets: [[0; ROWS]; TILTS.len()],
+        }
+    }
+
+    /// Prepares for a rim in a picture of `width` by `height` pixels.
+    #[inline(always)]
+    pub fn prepare(&mut self, rim: &Rim, width: usize, height: usize) {
+        let edge = rim.lip;
+        self.end = ((edge * ROWS as f64) as usize).min(ROWS);
+        for (side, sign) in self.pixels.iter_mut().zip([-1.0, 1.0]) {
+            for (row, pixels) in side.iter_mut().enumerate().take(self.end) {
+                let cos = (row as f64 + 0.5) / ROWS as f64 / edge;
+                let sin = sign * (1.0 - cos * cos).max(0.0).sqrt();
+                let radii = AWAY
+                    .map(|away| edge + away)
+                    .into_iter()
+                    .chain(AWAY.map(|away| edge - away));
+                for (pixel, radius) in pixels.iter_mut().zip(radii) {
+                    *pixel = project(&rim.image, radius * sin, radius * cos)
+                        // The nearest pixel: `as` rounds down.
+                        .map(|(column, row)| (column + 0.5, row + 0.5))
+                        .filter(|(column, row)| {
+                            (0.0..width as f64).contains(column) && (0.0..height as f64).contains(row)
+                        })
+                        .map_or(NOWHERE, |(column, row)| (row as usize * width + column as usize) as u32);
+                }
+            }
+        }
+        for (meets, tilt) in self.meets.iter_mut().zip(TILTS) {
+            for (row, meets) in meets.iter_mut().enumerate() {
+                let height = line_meets(row, tilt, edge as f32) * ROWS as f32;
+                // NaN, where the line passes below, becomes the end.
+                *meets = if height < self.end as f32 {
+                    height.max(0.0) as u8
+                } else {
+                    self.end as u8
+                };
+            }
+        }
+    }
+
+    /// The steps of both sides, left first; 0 where a pixel lies outside of the picture.
+    #[inline(always)]
+    pub fn measure(&self, image: &[u8], table: &[Sums; 256], lips: &mut [Ring; 2]) {
+        let log = |gray: u8| table[usize::from(gray)][1];
+        for (lip, pixels) in lips.iter_mut().zip(&self.pixels) {
+            for (step, pixels) in lip[..self.end].iter_mut().zip(pixels) {
+                let mut sum = 0.0;
+                let mut all = true;
+                for (k, pixel) in pixels.iter().enumerate() {
+                    match image.get(*pixel as usize) {
+                        Some(gray) if k < RADII => sum += log(*gray),
+                        Some(gray) => sum -= log(*gray),
+                        None => all = false,
+                    }
+                }
+                *step = if all { (sum / RADII as f32).abs() } else { 0.0 };
+            }
+        }
+    }
+
+    /// Fills in the features of every line: how much of the inner edge is seen just above it, just below it, and below.
+    #[inline(always)]
+    pub fn mark(&self, lip: &Ring, contrast: &mut Contrast) {
+        let mut sums = [0.0; ROWS + 1];
+        for (row, step) in lip[..self.end].iter().enumerate() {
+            sums[row + 1] = sums[row] + step;
+        }
+        let mean = |from: usize, to: usize| {
+            let (from, to) = (from.min(self.end), to.min(self.end));
+            // Few rows say little: a middling edge.
+            let share = (sums[to] - sums[from] + STEP_ROWS * STEP) / (to.saturating_sub(from) as f32 + STEP_ROWS);
+            (share.max(0.0) + STEP_MIN).ln()
+        };
+        let of_row: [[f32; 3]; ROWS + 1] = std::array::from_fn(|row| {
+            let (above, below) = (row.saturating_sub(GAP), row + GAP + 1);
+            [
+                mean(above.saturating_sub(WIDE), above),
+                mean(below, below + WIDE),
+                mean(row + SAG, ROWS),
+            ]
+        });
+        for ((features, meets), rows) in contrast.features.iter_mut().zip(&self.meets).zip(&contrast.rows) {
+            for (k, feature) in features[Feature::LipAbove as usize..].iter_mut().enumerate().take(3) {
+                for row in rows.clone().filter(|row| *row >= FIRST) {
+                    feature[row] = of_row[usize::from(meets[row]).min(ROWS)][k];
+                }
+            }
+        }
+    }
+}
+
+impl Default for LipLookup {
+    fn default() -> Self {
+        Self::new()
+    }
+}
