@@ -20,8 +20,8 @@ const MARGIN: usize = 48;
 const EDGES: usize = ROWS + 2 * MARGIN + 1;
 /// Lines that are worked on at once: their number, and where they begin, is a multiple of it.
 const VECTOR: usize = 8;
-/// Lines of a tilt, with those that a window beyond the first and last row needs.
-const LINES: usize = ROWS + 2 * WIDE + VECTOR;
+/// Lines of a tilt, with those that a window beyond the first and last row needs, and room for [`ROWS`] from each on.
+const LINES: usize = ROWS + 2 * MARGIN;
 /// Edges before the first and after the last between pixels that a window or a vector reaches.
 const REACH: usize = WIDE + VECTOR;
 const _: () = assert!(LINES.is_multiple_of(VECTOR) && ROWS.is_multiple_of(VECTOR) && MARGIN >= REACH);
@@ -55,6 +55,11 @@ const SAME: usize = 10;
 const TERMS: usize = 3 * WINDOWS.len();
 const SUMS: usize = TERMS + 4;
 
+type Lines = [[f32; LINES]; SUMS];
+/// Some features of the lines from the first that is looked at on. The compiler makes vectors where it knows that what is
+/// written is not what is read, and how long it is.
+type Found = [[f32; ROWS]; 5];
+
 /// What speaks for or against each line of a tilt.
 pub type Features = [[f32; ROWS]; FEATURES];
 
@@ -66,7 +71,8 @@ pub struct Contrast {
     /// First and last edge between pixels.
     bands: [(usize, usize); COLUMNS],
     /// Sums of those over the columns along each line of one tilt.
-    lines: [[f32; LINES]; SUMS],
+    lines: Lines,
+    found: Found,
     /// The features of each line, by tilt, feature and row.
     pub features: [Features; TILTS.len()],
     /// Whether there is such a line at all.
@@ -88,6 +94,7 @@ impl Contrast {
             columns: [[[0.0; EDGES]; COLUMNS]; SUMS],
             bands: [(0, 0); COLUMNS],
             lines: [[0.0; LINES]; SUMS],
+            found: [[0.0; ROWS]; 5],
             features: std::array::from_fn(|tilt| prior_features(TILTS[tilt], &heights[tilt])),
             known: [[false; ROWS]; TILTS.len()],
             rows: heights.each_ref().map(|heights: &[f32; ROWS]| {
@@ -122,10 +129,10 @@ impl Contrast {
             let rows = rows.start / VECTOR * VECTOR..rows.end.next_multiple_of(VECTOR);
             let features = &mut self.features[tilt];
             for k in 0..WINDOWS.len() {
-                window_features(&self.lines, k, rows.clone(), features);
+                window_features(&self.lines, k, rows.clone(), &mut self.found, features);
             }
-            strip_features(&self.lines, free, rows.clone(), features);
-            region_features(&self.lines, &whole, rows.clone(), features);
+            strip_features(&self.lines, free, rows.clone(), &mut self.found, features);
+            region_features(&self.lines, &whole, rows.clone(), &mut self.found, features);
             for (feature, edges) in features[Feature::EdgeAbove as usize..].iter_mut().zip(&edges) {
                 for (value, bin) in feature[rows.clone()].iter_mut().zip(&self.bins[tilt][rows.clone()]) {
                     *value = edges[usize::from(*bin)];
@@ -265,19 +272,18 @@ impl Contrast {
     /// What a line's features are among those of the other lines.
     #[inline(always)]
     fn relate(&mut self) -> f32 {
-        let mut largest = [1e-3_f32; WINDOWS.len()];
+        // Of each row first: a compiler makes vectors of that.
+        let mut largest = [[1e-3_f32; ROWS]; WINDOWS.len()];
         let mut best = [0.0_f32; ROWS];
         for ((features, known), rows) in self.features.iter().zip(&self.known).zip(&self.rows) {
+            let known = &known[rows.clone()];
             for (k, largest) in largest.iter_mut().enumerate() {
-                for (share, known) in features[2 * k + 1][rows.clone()].iter().zip(&known[rows.clone()]) {
-                    *largest = largest.max(if *known { *share } else { 0.0 });
-                }
+                raise(&mut largest[rows.clone()], &features[2 * k + 1][rows.clone()], known);
             }
             let scores = &features[Feature::MiddleContrast as usize];
-            for ((best, score), known) in best.iter_mut().zip(scores).zip(known) {
-                *best = best.max(if *known { *score } else { 0.0 });
-            }
+            raise(&mut best[rows.clone()], &scores[rows.clone()], known);
         }
+        let largest = largest.map(|rows| rows.into_iter().fold(0.0, f32::max));
         let (mut above, mut below) = ([0.0_f32; ROWS], [0.0_f32; ROWS]);
         for row in FIRST + SAME..ROWS {
             above[row] = above[row - 1].max(best[row - SAME]);
@@ -299,6 +305,14 @@ impl Contrast {
     }
 }
 
+/// To the values that are larger and known.
+#[inline(always)]
+fn raise(largest: &mut [f32], values: &[f32], known: &[bool]) {
+    for ((largest, value), known) in largest.iter_mut().zip(values).zip(known) {
+        *largest = largest.max(if *known { *value } else { 0.0 });
+    }
+}
+
 /// Variance of values by one over their number, their sum, and the sum of their squares.
 #[inline(always)]
 fn variance(share: f32, sum: f32, squares: f32) -> f32 {
@@ -308,25 +322,19 @@ fn variance(share: f32, sum: f32, squares: f32) -> f32 {
 
 /// A t-like score: the mean step against its spread over the columns and the pixels' noise; and the step itself.
 #[inline(always)]
-fn window_features(lines: &[[f32; LINES]; SUMS], k: usize, rows: Range<usize>, features: &mut Features) {
-    let (first, size, window) = (rows.start + WIDE, rows.len(), WINDOWS[k]);
+fn window_features(lines: &Lines, k: usize, rows: Range<usize>, found: &mut Found, features: &mut Features) {
+    let (first, size, window) = (rows.start + WIDE, rows.len().min(ROWS), WINDOWS[k]);
     // Of the pixels between a line and the one a window further down: the noise of their mean, from the window above on.
     let mut noise = [0.0; LINES];
-    let noise = &mut noise[..(size + window).next_multiple_of(VECTOR)];
-    let [counts, logs, squares] = strips(lines, first - window, noise.len(), window);
-    for (l, noise) in noise.iter_mut().enumerate() {
-        let share = 1.0 / (counts.1[l] - counts.0[l]).max(1.0);
-        *noise = CORRELATION * share * variance(share, logs.1[l] - logs.0[l], squares.1[l] - squares.0[l]);
+    let [(count, next_count), (log, next_log), (square, next_square)] =
+        [0, 1, 2].map(|sum| strips(lines, sum, first - window, window));
+    for l in 0..(size + window).next_multiple_of(VECTOR).min(ROWS) {
+        let share = 1.0 / (next_count[l] - count[l]).max(1.0);
+        noise[l] = CORRELATION * share * variance(share, next_log[l] - log[l], next_square[l] - square[l]);
     }
-    let (above, below) = (&noise[..size], &noise[window..window + size]);
-    let [weights, steps, squares] = [0, 1, 2].map(|term| &lines[3 * k + term][first..first + size]);
-    let [contrast, shares] = &mut features[2 * k..2 * k + 2] else {
-        return;
-    };
-    let (contrast, shares) = (
-        &mut contrast[rows.start..rows.start + size],
-        &mut shares[rows.start..rows.start + size],
-    );
+    let (above, below) = (part(&noise, 0), part(&noise, window));
+    let [weights, steps, squares] = [0, 1, 2].map(|term| part(&lines[3 * k + term], first));
+    let [contrast, shares, ..] = found;
     for l in 0..size {
         let (weight, known) = (weights[l].max(1e-3), weights[l] + 15.0);
         // One division for two: they take longest.
@@ -337,18 +345,17 @@ fn window_features(lines: &[[f32; LINES]; SUMS], k: usize, rows: Range<usize>, f
         contrast[l] = known * ln(1.0 + step * step / (0.001 + 0.3 * spread + above[l] + below[l]));
         shares[l] = known * step.abs();
     }
+    keep(&found[..2], rows, &mut features[2 * k..]);
 }
 
 /// Soil is rougher than a rim: texture and variance next to the line.
 #[inline(always)]
-fn strip_features(lines: &[[f32; LINES]; SUMS], free: f32, rows: Range<usize>, features: &mut Features) {
+fn strip_features(lines: &Lines, free: f32, rows: Range<usize>, found: &mut Found, features: &mut Features) {
     let rim = ln(free + TEXTURE_MIN);
-    let (first, size) = (rows.start + WIDE, rows.len());
+    let (first, size) = (rows.start + WIDE, rows.len().min(ROWS));
     let (mut texture, mut spread) = ([0.0; LINES], [0.0; LINES]);
-    let strip = (size + WIDE).next_multiple_of(VECTOR);
-    let (texture, spread) = (&mut texture[..strip], &mut spread[..strip]);
-    let [counts, logs, squares, steps] = strips(lines, first - WIDE, strip, WIDE);
-    for l in 0..strip {
+    let [counts, logs, squares, steps] = [0, 1, 2, 3].map(|sum| strips(lines, sum, first - WIDE, WIDE));
+    for l in 0..(size + WIDE).next_multiple_of(VECTOR).min(ROWS) {
         let count = counts.1[l] - counts.0[l];
         let (pixels, known) = (count.max(1.0), count + 40.0);
         let inverse = 1.0 / (pixels * known);
@@ -357,31 +364,25 @@ fn strip_features(lines: &[[f32; LINES]; SUMS], free: f32, rows: Range<usize>, f
         texture[l] = known * (ln(roughness + TEXTURE_MIN) - rim);
         spread[l] = known * ln(variance(share, logs.1[l] - logs.0[l], squares.1[l] - squares.0[l]) + VARIANCE_MIN);
     }
-    features[Feature::RimTexture as usize][rows.clone()].copy_from_slice(&texture[..size]);
-    features[Feature::SoilTexture as usize][rows.clone()].copy_from_slice(&texture[WIDE..WIDE + size]);
-    let spreads = spread[..size].iter().zip(&spread[WIDE..]);
-    for (feature, (above, below)) in features[Feature::Spread as usize][rows].iter_mut().zip(spreads) {
-        *feature = below - above;
+    let (above, below) = (part(&spread, 0), part(&spread, WIDE));
+    found[0] = *part(&texture, 0);
+    found[1] = *part(&texture, WIDE);
+    for l in 0..size {
+        found[2][l] = below[l] - above[l];
     }
+    keep(&found[..3], rows, &mut features[Feature::RimTexture as usize..]);
 }
 
 /// All above against all below: two textures, Otsu's criterion, and two normal classes.
 #[inline(always)]
-fn region_features(lines: &[[f32; LINES]; SUMS], whole: &[f32; 4], rows: Range<usize>, features: &mut Features) {
-    let (first, size) = (rows.start + WIDE, rows.len());
+fn region_features(lines: &Lines, whole: &[f32; 4], rows: Range<usize>, found: &mut Found, features: &mut Features) {
+    let (first, size) = (rows.start + WIDE, rows.len().min(ROWS));
     let share = 1.0 / whole[0].max(1.0);
     let variance_whole = variance(share, whole[1], whole[2]);
     let (one, least) = (ln(variance_whole + VARIANCE_MIN), 1.0 / variance_whole.max(1e-5));
     let all = ln(whole[3] * share + TEXTURE_MIN);
-    let [counts, logs, squares, steps] = [0, 1, 2, 3].map(|sum| &lines[TERMS + sum][first..first + size]);
-    let [likelihood, ratio, between, normal, roughness] =
-        &mut features[Feature::TextureLikelihood as usize..=Feature::Roughness as usize]
-    else {
-        return;
-    };
-    let [likelihood, ratio] = [likelihood, ratio].map(|feature| &mut feature[rows.start..rows.start + size]);
-    let [between, normal, roughness] =
-        [between, normal, roughness].map(|feature| &mut feature[rows.start..rows.start + size]);
+    let [counts, logs, squares, steps] = [0, 1, 2, 3].map(|sum| part(&lines[TERMS + sum], first));
+    let [likelihood, ratio, between, normal, roughness] = found;
     for l in 0..size {
         let (na, nb) = (counts[l], whole[0] - counts[l]);
         let (above, below, known) = (na.max(1.0), nb.max(1.0), nb + 200.0);
@@ -399,20 +400,29 @@ fn region_features(lines: &[[f32; LINES]; SUMS], whole: &[f32; 4], rows: Range<u
         normal[l] = one - (na * la + nb * lb) * share;
         roughness[l] = known * (lb - la);
     }
+    keep(found, rows, &mut features[Feature::TextureLikelihood as usize..]);
 }
 
-/// Of `size` lines from `first` on, the sums above each and above the one a window further down.
+/// The sums above each line from `first` on, and above the one a window further down.
 #[inline(always)]
-fn strips<const COUNT: usize>(
-    lines: &[[f32; LINES]; SUMS],
-    first: usize,
-    size: usize,
-    window: usize,
-) -> [(&[f32], &[f32]); COUNT] {
-    std::array::from_fn(|sum| {
-        let line = &lines[TERMS + sum][first..first + window + size];
-        (&line[..size], &line[window..])
-    })
+fn strips(lines: &Lines, sum: usize, first: usize, window: usize) -> (&[f32; ROWS], &[f32; ROWS]) {
+    let line = &lines[TERMS + sum];
+    (part(line, first), part(line, first + window))
+}
+
+/// As many lines as there are rows, so that the compiler knows their number.
+#[inline(always)]
+fn part(line: &[f32; LINES], first: usize) -> &[f32; ROWS] {
+    // Always there: no line is further from the first row than the margin.
+    line[first..].first_chunk().unwrap_or(const { &[0.0; ROWS] })
+}
+
+/// Writes what was found of these rows into their features.
+#[inline(always)]
+fn keep(found: &[[f32; ROWS]], rows: Range<usize>, features: &mut [[f32; ROWS]]) {
+    for (feature, found) in features.iter_mut().zip(found) {
+        feature[rows.clone()].copy_from_slice(&found[..rows.len()]);
+    }
 }
 
 /// Of each height: how much of the wheel's outer edge is seen just above it, just below it, and over all above and below.
