@@ -50,9 +50,9 @@ pub const FIRST: usize = 16;
 /// Rows above a line that still belong to it.
 const SAME: usize = 10;
 
-/// Sums over the columns of one line: of each window the weight of the columns, their steps, and the steps' squares; and the
-/// four sums of the cells over all that lies above the line.
+/// Of each window the weight of a column, its step, and the step's square.
 const TERMS: usize = 3 * WINDOWS.len();
+/// Those, and the four sums of the cells over all that lies above.
 const SUMS: usize = TERMS + 4;
 
 type Lines = [[f32; LINES]; SUMS];
@@ -485,4 +485,81 @@ fn ln(value: f32) -> f32 {
     let high = 0.219_657_08 - 0.140_216_23 * x;
     let (square, exponent) = (x * x, exponent as f32);
     exponent * std::f32::consts::LN_2 + x * (low + square * square * high)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Cells without order in a ring, some of them without pixels.
+    fn ring() -> Box<Cells> {
+        let mut cells = Box::new(Cells::EMPTY);
+        for column in 0..COLUMNS {
+            let (first, last) = (9 * (COLUMNS - column), ROWS - 4 * column);
+            cells.bands[column] = first..last;
+            for row in first..last {
+                let count = ((37 * row + 11 * column) % 13) as f32;
+                let log = 0.1 * ((91 * row + 7 * column) % 23) as f32 - 1.0;
+                cells.cells[column][row] = [count, count * log, count * log * log, 0.01 * count];
+            }
+        }
+        cells
+    }
+
+    #[test]
+    fn sums_along_a_line_agree_with_the_slow_obvious_ones() {
+        let (cells, mut contrast) = (ring(), Contrast::new());
+        contrast.sum_above(&cells);
+        for column in 0..COLUMNS {
+            contrast.compare(column, WINDOWS[1], 3);
+        }
+        for tilt in TILTS {
+            contrast.sum_columns(tilt, FIRST..ROWS);
+            for row in FIRST..ROWS {
+                let (mut all, mut terms) = ([0.0; 4], [0.0; 3]);
+                for (column, cells) in cells.cells.iter().enumerate() {
+                    let outwards = (column as f32 + 0.5) / COLUMNS as f32 - PIVOT;
+                    let edge = row as isize + (tilt * outwards * ROWS as f32).round() as isize;
+                    let sum = |from: isize, to: isize, k: usize| {
+                        let (from, to) = (from.clamp(0, ROWS as isize), to.clamp(0, ROWS as isize));
+                        let rows = &cells[from as usize..to as usize];
+                        rows.iter().map(|cell| f64::from(cell[k])).sum::<f64>()
+                    };
+                    for (k, all) in all.iter_mut().enumerate() {
+                        *all += sum(0, edge, k);
+                    }
+                    let window = WINDOWS[1] as isize;
+                    let [above, below] = [(edge - window, edge), (edge, edge + window)]
+                        .map(|(from, to)| (sum(from, to, 0), sum(from, to, 1)));
+                    // An edge is one between two rows with pixels, or above the first.
+                    let inside = contrast.bands[column].0 as isize <= edge + MARGIN as isize;
+                    if inside && above.0 >= 2.5 && below.0 >= 2.5 {
+                        let weight = 2.0 / (1.0 / above.0 + 1.0 / below.0);
+                        let step = below.1 / below.0 - above.1 / above.0;
+                        terms = [
+                            terms[0] + weight,
+                            terms[1] + weight * step,
+                            terms[2] + weight * step * step,
+                        ];
+                    }
+                }
+                for (k, expected) in terms.into_iter().chain(all).enumerate() {
+                    let sum = if k < 3 { 3 + k } else { TERMS + k - 3 };
+                    let found = f64::from(contrast.lines[sum][row + WIDE]);
+                    assert!(
+                        (found - expected).abs() < 1e-4 * (10.0 + expected.abs()),
+                        "{tilt} {row} {k}: {found} {expected}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_logarithm_is_good_to_five_digits() {
+        for k in 0..20_000 {
+            let value = 1e-5 * 1.001_f32.powi(k);
+            assert!((ln(value) - value.ln()).abs() < 1e-5, "{value}: {}", ln(value));
+        }
+    }
 }
