@@ -169,9 +169,9 @@ impl Contrast {
         let (first, last) = self.bands[column];
         let size = (last - first).next_multiple_of(VECTOR);
         let (terms, sums) = self.columns.split_at_mut(TERMS);
-        let [count, log] = [0, 1].map(|k| {
+        let [counts, logs] = [0, 1].map(|k| {
             let at = |edge: usize| &sums[k][column][edge..edge + size];
-            [at(first - window), at(first), at(first + window)]
+            at(first - window).iter().zip(at(first)).zip(at(first + window))
         });
         let [weights, steps, squares] = &mut terms[term..term + 3] else {
             return;
@@ -181,16 +181,17 @@ impl Contrast {
             terms[column][first + size..first + size + VECTOR].fill(0.0);
         }
         let [weights, steps, squares] = [weights, steps, squares].map(|terms| &mut terms[column][first..first + size]);
+        let terms = weights.iter_mut().zip(steps).zip(squares);
         // Beyond the last edge there are no pixels, and so no weight.
-        for k in 0..size {
-            let (above, below) = (count[1][k] - count[0][k], count[2][k] - count[1][k]);
+        for ((((c0, c1), c2), ((l0, l1), l2)), ((weight_of, step_of), square_of)) in counts.zip(logs).zip(terms) {
+            let (above, below) = (c1 - c0, c2 - c1);
             let known = (above >= COLUMN_MIN) & (below >= COLUMN_MIN);
             let (na, nb) = (above.max(1.0), below.max(1.0));
-            let step = (log[2][k] - log[1][k]) / nb - (log[1][k] - log[0][k]) / na;
+            let step = (l2 - l1) / nb - (l1 - l0) / na;
             let weight = if known { 2.0 * na * nb / (na + nb) } else { 0.0 };
-            weights[k] = weight;
-            steps[k] = weight * step;
-            squares[k] = weight * step * step;
+            *weight_of = weight;
+            *step_of = weight * step;
+            *square_of = weight * step * step;
         }
     }
 
