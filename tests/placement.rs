@@ -4,13 +4,19 @@ use crate::replacement::python_sinkage;
 use crate::rover::Rover;
 use serde_json::Value;
 
-/// The first processor that this process may run on.
-fn processor() -> usize {
+/// The processors that this process may run on.
+fn processors() -> Vec<usize> {
     let allowed = rustix::thread::sched_getaffinity(None).unwrap();
-    (0..rustix::thread::CpuSet::MAX_CPU)
-        .find(|cpu| allowed.is_set(*cpu))
-        .unwrap()
+    let all = 0..rustix::thread::CpuSet::MAX_CPU;
+    all.filter(|cpu| allowed.is_set(*cpu)).collect()
 }
+
+fn processor() -> usize {
+    processors()[0]
+}
+
+/// Services of the built-in system that do not belong to the camera's chain.
+const BESIDE: [&str; 2] = ["telemetry", "vibration"];
 
 /// The built-in system with more lines in sinkage's table.
 fn sinkage_with(text: &str, lines: &str) -> String {
@@ -24,7 +30,10 @@ fn cpus(row: &Value) -> &Value {
 #[test]
 fn a_service_runs_on_the_processors_of_its_table() {
     let processor = processor();
-    let mut rover = Rover::new(|text| sinkage_with(&text, &format!("cpus = [{processor}]")));
+    let mut rover = Rover::new(|text| {
+        let text = text.replace("[system]\n", "[system]\nplacement = \"kernel\"\n");
+        sinkage_with(&text, &format!("cpus = [{processor}]"))
+    });
     rover.up();
     let rows = rover.rows();
     let all = cpus(rows.iter().find(|row| row["service"] == "camera").unwrap());
@@ -37,6 +46,23 @@ fn a_service_runs_on_the_processors_of_its_table() {
         };
         assert_eq!(cpus(row), expected, "{row:#}");
     }
+    assert_eq!(rover.down(), Some(0), "{}", rover.log());
+}
+
+#[test]
+fn the_stages_of_a_cycle_run_on_one_processor_unless_told_otherwise() {
+    let mut rover = Rover::new(|text| text);
+    rover.up();
+    let rows = rover.rows();
+    let placed = |row: &Value| (row["service"].clone(), cpus(row).as_str().unwrap().to_owned());
+    let (beside, chain): (Vec<_>, Vec<_>) = rows
+        .iter()
+        .map(placed)
+        .partition(|(name, _)| BESIDE.iter().any(|beside| name == beside));
+    assert!(chain.iter().all(|(_, cpus)| *cpus == chain[0].1), "{chain:?}");
+    assert!(beside.iter().all(|(_, cpus)| *cpus == beside[0].1), "{beside:?}");
+    let is_one = chain[0].1.parse::<usize>().is_ok_and(|cpu| processors().contains(&cpu));
+    assert!(is_one || chain[0].1 == beside[0].1, "{chain:?} {beside:?}");
     assert_eq!(rover.down(), Some(0), "{}", rover.log());
 }
 

@@ -39,7 +39,7 @@ struct Arguments {
     /// Runs all processes of all variants under `SCHED_FIFO` with this priority.
     #[arg(long, value_name = "PRIORITY", value_parser = clap::value_parser!(u8).range(1..=99))]
     fifo: Option<u8>,
-    /// Which processors the processes of every variant run on; otherwise the kernel decides.
+    /// Which processors the processes of every variant run on; otherwise Terrasense, or the kernel, decides.
     #[arg(long, value_enum)]
     cpus: Option<Cpus>,
     /// Nothing but these, and the direct calls.
@@ -103,7 +103,7 @@ fn be_child(child: &Child) -> Outcome<()> {
         Variant::Direct => direct::play(part),
         Variant::Sockets => play(part, &sockets::Sockets(part.folder.clone())),
         Variant::Iceoryx2 => play(part, &textbook::Textbook::enter(&ScratchSystem::named(&child.system)?)?),
-        Variant::Terrasense | Variant::Recommended | Variant::Zenoh | Variant::Dora => {
+        Variant::Terrasense | Variant::Unplaced | Variant::Zenoh | Variant::Dora => {
             Err("is run by another program".into())
         }
     }
@@ -154,11 +154,11 @@ fn compare(arguments: &Arguments) -> Outcome<()> {
 
 /// Those that are asked for and there: the direct calls first.
 fn variants(arguments: &Arguments, bench: &Bench) -> Vec<Variant> {
-    use Variant::{Direct, Dora, Iceoryx2, Recommended, Sockets, Terrasense, Zenoh};
-    let all = [Direct, Terrasense, Recommended, Sockets, Iceoryx2, Zenoh, Dora];
+    use Variant::{Direct, Dora, Iceoryx2, Sockets, Terrasense, Unplaced, Zenoh};
+    let all = [Direct, Terrasense, Unplaced, Sockets, Iceoryx2, Zenoh, Dora];
     let wanted = |variant: &Variant| match (arguments.only.as_slice(), variant) {
         (_, Direct) => true,
-        ([], Recommended) => arguments.cpus.is_none(),
+        ([], Unplaced) => arguments.cpus.is_none(),
         ([], Zenoh) => bench.zenoh.is_some(),
         ([], Dora) => bench.dora.is_some(),
         (only, variant) => only.is_empty() || only.contains(variant),
@@ -181,7 +181,7 @@ fn conditions(arguments: &Arguments, bench: &Bench, variants: &[Variant]) -> Str
     let place = match arguments.cpus {
         Some(Cpus::Together) => "all processes on one processor",
         Some(Cpus::Spread) => "each process on the next processor",
-        None => "the kernel places the processes",
+        None => "the kernel places the processes, but for Terrasense's own",
     };
     let mut text = format!(
         "{} rounds of {} cycles; before them {WARM_UP} of warm-up a run, not counted. {scheduling}; {load}; {place}.",

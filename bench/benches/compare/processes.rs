@@ -27,8 +27,8 @@ pub enum Variant {
     Direct,
     /// The services under `terrasense up`.
     Terrasense,
-    /// The same as the README recommends it: the services of the chain on one processor.
-    Recommended,
+    /// The same with `placement = "kernel"`.
+    Unplaced,
     /// Unix sockets and postcard.
     Sockets,
     /// iceoryx2 with a `WaitSet`.
@@ -45,7 +45,7 @@ impl Variant {
         match self {
             Self::Direct => "direct calls",
             Self::Terrasense => "Terrasense",
-            Self::Recommended => "Terrasense, one processor",
+            Self::Unplaced => "Terrasense, kernel's place",
             Self::Sockets => "Unix sockets, postcard",
             Self::Iceoryx2 => "iceoryx2, WaitSet",
             Self::Zenoh => "zenoh, shared memory",
@@ -111,13 +111,13 @@ impl Bench {
                 self.wait(vec![self.start(&own("direct")?, &part(Role::Source))?], last_ns)?;
                 &[Role::Source][..]
             }
-            Variant::Terrasense | Variant::Recommended => {
-                let cpus = match variant {
-                    Variant::Recommended => Some(Cpus::Together),
-                    _ => self.cpus,
+            Variant::Terrasense | Variant::Unplaced => {
+                let system = match variant {
+                    Variant::Unplaced => "placement = \"kernel\"\n",
+                    _ => "",
                 };
-                let place = |role| self.place(role, cpus);
-                terrasense::run(&part(Role::Source), place, last_ns, &self.termination)?;
+                let place = |role| self.place(role);
+                terrasense::run(&part(Role::Source), system, place, last_ns, &self.termination)?;
                 &[Role::Source, Role::Terrain]
             }
             Variant::Iceoryx2 => {
@@ -232,8 +232,8 @@ impl Bench {
     }
 
     /// Where and how a service runs, in the system file's words.
-    fn place(&self, role: Role, cpus: Option<Cpus>) -> String {
-        let cpu = cpu(role, cpus).map(|cpu| format!("cpus = [{cpu}]\n"));
+    fn place(&self, role: Role) -> String {
+        let cpu = cpu(role, self.cpus).map(|cpu| format!("cpus = [{cpu}]\n"));
         let fifo = self.fifo.map(|priority| format!("sched = {{ fifo = {priority} }}\n"));
         cpu.unwrap_or_default() + &fifo.unwrap_or_default()
     }

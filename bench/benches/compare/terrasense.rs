@@ -110,18 +110,24 @@ impl Read<Terrain> for Control {
     }
 }
 
-/// Runs the system until its source has left its stamps. `place` are the lines of a service's table that say where and how
-/// it runs.
-pub fn run(part: &Part, place: impl Fn(Role) -> String, last_ns: u64, termination: &Termination) -> Outcome<()> {
-    let name = format!("compare{}", std::process::id());
-    let mut system = Processes::launch(&system_file(&name, part, place)?)?;
+/// Runs the system until its source has left its stamps. `lines` are more lines of its first table, `place` those of a
+/// service's table that say where and how it runs.
+pub fn run(
+    part: &Part,
+    lines: &str,
+    place: impl Fn(Role) -> String,
+    last_ns: u64,
+    termination: &Termination,
+) -> Outcome<()> {
+    let head = format!("[system]\nname = \"compare{}\"\n{lines}", std::process::id());
+    let mut system = Processes::launch(&(head + &services(part, place)?))?;
     system.wait_until(last_ns, termination, |_| {
         Part::stamps(&part.folder, Role::Source).exists()
     })?;
     system.end()
 }
 
-fn system_file(name: &str, part: &Part, place: impl Fn(Role) -> String) -> Outcome<String> {
+fn services(part: &Part, place: impl Fn(Role) -> String) -> Outcome<String> {
     let here = std::env::current_exe()?;
     let programs = programs()?;
     let service = |role: Role, wires: &str, config: &str| {
@@ -162,5 +168,5 @@ fn system_file(name: &str, part: &Part, place: impl Fn(Role) -> String) -> Outco
             "",
         ),
     ];
-    Ok(format!("[system]\nname = \"{name}\"\n{}", services.concat()))
+    Ok(services.concat())
 }

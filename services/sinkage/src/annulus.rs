@@ -60,6 +60,12 @@ impl Annulus {
         Shift::NONE
     }
 
+    /// Has the pixels brought that the last rim was made of: most often this one is, too.
+    #[inline(always)]
+    pub fn call_up(&self, image: &[u8]) {
+        self.cells.call_up(image);
+    }
+
     /// Sums up the cells and the steps across the outer edge: `[left, right]`.
     #[inline(always)]
     pub fn measure(&mut self, image: &[u8], table: &[Sums; 256], cells: &mut [Cells; 2], rings: &mut [Ring; 2]) {

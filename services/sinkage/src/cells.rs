@@ -3,10 +3,13 @@
 use crate::rim::Rim;
 use crate::rows::ROWS;
 use messages::PIXELS_MAX;
+use std::hint::black_box;
 use std::ops::Range;
 
 /// Columns from the middle of the wheel to its outermost point.
 pub const COLUMNS: usize = 16;
+/// Cells of one side.
+const CELLS: usize = COLUMNS * ROWS;
 /// Gray values below which the sensor's noise hides ratios.
 const DARK: f32 = 4.0;
 /// The same for the ratio of single pixels.
@@ -20,6 +23,11 @@ const LAST: Sums = [0.0, 0.0, 0.0, 1.0];
 const OTHERS: Sums = [1.0, 1.0, 1.0, 0.0];
 /// Pixels whose cells are worked out together.
 const BLOCK: usize = 32;
+/// Pixels of a span at most, and spans at most: 0.75 of one side of the largest wheel that a frame holds has fewer.
+const SPAN: usize = 8 * BLOCK;
+const SPANS: usize = 1 << 13;
+/// Pixels that come from memory at once.
+const CACHE_LINE: usize = 64;
 
 /// Pixels of a cell; the sums of their log gray values, of their squares, and of the squared differences of pixels side by side.
 pub type Sums = [f32; 4];
@@ -29,25 +37,31 @@ pub type Sums = [f32; 4];
 pub struct Cells {
     /// Sums of each cell.
     pub cells: [[Sums; ROWS]; COLUMNS],
+    /// The rows of each column that have pixels.
+    pub bands: [Range<usize>; COLUMNS],
 }
 
 impl Cells {
     /// A side without a pixel.
     pub const EMPTY: Self = Self {
         cells: [[[0.0; 4]; ROWS]; COLUMNS],
+        bands: [const { 0..0 }; COLUMNS],
     };
 
     /// Pixels of all cells.
     #[must_use]
     pub fn pixels(&self) -> f32 {
-        // Several sums at once: one of them alone would wait for each addition.
-        let mut counts = [0.0; 8];
-        for cells in self.cells.as_flattened().chunks_exact(counts.len()) {
-            for (count, cell) in counts.iter_mut().zip(cells) {
-                *count += cell[0];
-            }
+        let columns = self.cells.iter().zip(&self.bands);
+        let cells = columns.flat_map(|(rows, band)| &rows[band.clone()]);
+        cells.map(|cell| cell[0]).sum()
+    }
+
+    /// Without pixels, but the rows that may get some.
+    fn clear(&mut self, bands: &[Range<usize>; COLUMNS]) {
+        for (rows, band) in self.cells.iter_mut().zip(&self.bands) {
+            rows[band.clone()].fill([0.0; 4]);
         }
-        counts.iter().sum()
+        self.bands.clone_from(bands);
     }
 }
 
@@ -60,21 +74,32 @@ pub fn log_table() -> [Sums; 256] {
     })
 }
 
-/// Pixels side by side in one cell.
+/// Pixels side by side in the rim.
+#[derive(Clone, Copy, Debug)]
+struct Span {
+    first: u32,
+    length: u16,
+    runs: u16,
+    /// Whether what lies left of it is no rim.
+    begins: bool,
+}
+
+/// Pixels of a span in one cell.
 #[derive(Clone, Copy, Debug)]
 struct Run {
-    first: u32,
     /// Of both sides, the left ones first.
     cell: u16,
-    length: u8,
-    /// Where the pixels are that texture compares these with.
-    apart: i8,
+    length: u16,
 }
 
 /// Which pixel belongs to which cell: prepared once for a rim that stays where it is in the picture.
 #[derive(Clone, Debug)]
 pub struct Lookup {
+    spans: Vec<Span>,
+    /// Of all spans, one after the other.
     runs: Vec<Run>,
+    /// The rows of each column that have pixels, on either side.
+    bands: [[Range<usize>; COLUMNS]; 2],
 }
 
 impl Lookup {
@@ -82,29 +107,52 @@ impl Lookup {
     #[must_use]
     pub fn new() -> Self {
         Self {
+            spans: Vec::with_capacity(SPANS),
             runs: Vec::with_capacity(PIXELS_MAX),
+            bands: [Cells::EMPTY.bands, Cells::EMPTY.bands],
         }
     }
 
     /// Prepares for a rim in a picture of rows of `width` pixels.
     #[inline(always)]
     pub fn prepare(&mut self, rim: &Rim, width: usize) {
+        self.spans.clear();
         self.runs.clear();
         for row in rim.rows.clone() {
-            for span in spans(rim, row) {
-                // Texture compares within the span, since what lies beyond it is no rim: the first pixels with those after.
-                let within = (span.start + APART).min(span.end);
-                self.add(span.start..within, APART as i8, row, rim, width);
-                for first in (within..span.end).step_by(BLOCK) {
-                    self.add(first..span.end.min(first + BLOCK), -(APART as i8), row, rim, width);
+            for columns in spans(rim, row) {
+                for first in columns.clone().step_by(SPAN) {
+                    let last = columns.end.min(first + SPAN);
+                    if self.spans.len() < self.spans.capacity() {
+                        let before = self.runs.len();
+                        for first in (first..last).step_by(BLOCK) {
+                            self.add(first..last.min(first + BLOCK), before, row, rim);
+                        }
+                        self.spans.push(Span {
+                            first: (row * width + first) as u32,
+                            length: (last - first) as u16,
+                            runs: (self.runs.len() - before) as u16,
+                            begins: first == columns.start,
+                        });
+                    }
                 }
             }
         }
+        self.bands = [Cells::EMPTY.bands, Cells::EMPTY.bands];
+        let bands = self.bands.as_flattened_mut();
+        for run in &self.runs {
+            let (column, row) = (usize::from(run.cell) / ROWS, usize::from(run.cell) % ROWS);
+            let band = &mut bands[column % (2 * COLUMNS)];
+            *band = if band.start == band.end {
+                row..row + 1
+            } else {
+                band.start.min(row)..band.end.max(row + 1)
+            };
+        }
     }
 
-    /// Adds at most [`BLOCK`] pixels of one row of the picture.
+    /// Adds at most [`BLOCK`] pixels of one row of the picture to the runs of their span, which are those from `begin` on.
     #[inline(always)]
-    fn add(&mut self, columns: Range<usize>, apart: i8, row: usize, rim: &Rim, width: usize) {
+    fn add(&mut self, columns: Range<usize>, begin: usize, row: usize, rim: &Rim) {
         let (first, length) = (columns.start, columns.len().min(BLOCK));
         let [a, b, c, d, e, f, g, h, i] = rim.plane;
         let (x, y) = (first as f64, row as f64);
@@ -116,7 +164,7 @@ impl Lookup {
             let scale = 1.0 / (start[2] + along * step[2]);
             let right = (start[0] + along * step[0]) * scale;
             let down = (start[1] + along * step[1]) * scale;
-            let side = if right >= 0.0 { (COLUMNS * ROWS) as u32 } else { 0 };
+            let side = if right >= 0.0 { CELLS as u32 } else { 0 };
             let column = floor(right.abs() * COLUMNS as f32, COLUMNS as u32 - 1);
             let height = floor(down * ROWS as f32, ROWS as u32 - 1);
             *cell = (side + column * ROWS as u32 + height) as u16;
@@ -130,52 +178,90 @@ impl Lookup {
         let mut done = 0;
         while ends != 0 {
             let last = ends.trailing_zeros() as usize;
-            // There is room: a frame has no more pixels than that.
-            if self.runs.len() < self.runs.capacity() {
-                self.runs.push(Run {
-                    first: (row * width + first + done) as u32,
-                    cell: cells[done % BLOCK],
-                    length: (last + 1 - done) as u8,
-                    apart,
-                });
+            let run = Run {
+                cell: cells[done % BLOCK],
+                length: (last + 1 - done) as u16,
+            };
+            if let Some(before) = self.runs[begin..].last_mut()
+                && before.cell == run.cell
+            {
+                before.length += run.length;
+            } else if self.runs.len() < self.runs.capacity() {
+                // There is room: a frame has no more pixels than that.
+                self.runs.push(run);
             }
             done = last + 1;
             ends &= ends - 1;
         }
     }
 
+    /// Reads a pixel of each part of the picture that will be needed, without waiting for any: they arrive side by side.
+    #[inline(always)]
+    pub fn call_up(&self, image: &[u8]) {
+        let mut sum = 0_u8;
+        for span in &self.spans {
+            let first = span.first as usize;
+            if let Some(pixels) = image.get(first..first + usize::from(span.length)) {
+                for pixel in pixels.iter().step_by(CACHE_LINE).chain(pixels.last()) {
+                    sum ^= pixel;
+                }
+            }
+        }
+        black_box(sum);
+    }
+
     /// Sums the picture's cells: `[left, right]`.
     #[inline(always)]
     pub fn accumulate(&self, image: &[u8], table: &[Sums; 256], sides: &mut [Cells; 2]) {
-        for side in &mut *sides {
-            side.cells = Cells::EMPTY.cells;
+        for (side, bands) in sides.iter_mut().zip(&self.bands) {
+            side.clear(bands);
         }
-        let [left, right] = sides;
-        for run in &self.runs {
-            let (first, length) = (run.first as usize, usize::from(run.length));
-            let other = first.saturating_add_signed(isize::from(run.apart));
-            let (Some(pixels), Some(others)) = (image.get(first..first + length), image.get(other..other + length))
-            else {
+        let [left, right] = sides.each_mut().map(|side| side.cells.as_flattened_mut());
+        let mut runs = self.runs.as_slice();
+        for span in &self.spans {
+            let Some((mine, others)) = runs.split_at_checked(usize::from(span.runs)) else {
+                return;
+            };
+            runs = others;
+            let first = span.first as usize;
+            // Texture compares with the pixel two before, which the first ones of a rim do not have: with those after.
+            let apart = if span.begins {
+                first + APART
+            } else {
+                first.saturating_sub(APART)
+            };
+            let (Some(mut pixels), Some([two_before, before])) = (
+                image.get(first..first + usize::from(span.length)),
+                image.get(apart..apart + APART),
+            ) else {
                 continue;
             };
-            let mut sums = [0.0; 4];
-            for (&gray, &other) in pixels.iter().zip(others) {
-                let (here, there) = (&table[usize::from(gray)], &table[usize::from(other)]);
-                for k in 0..4 {
-                    // The last is squared, after the other pixel's is taken off: in all four alike, as one vector.
-                    let off = there[k] * LAST[k];
-                    sums[k] += (here[k] - off) * (OTHERS[k] + here[k] * LAST[k] - off);
+            let texture = |gray: u8| -> Sums { std::array::from_fn(|k| LAST[k] * table[usize::from(gray)][k]) };
+            let [mut two_before, mut before] = [texture(*two_before), texture(*before)];
+            for run in mine {
+                let Some((here, others)) = pixels.split_at_checked(usize::from(run.length)) else {
+                    break;
+                };
+                pixels = others;
+                let mut sums = [0.0; 4];
+                for gray in here {
+                    let (terms, last) = (table[usize::from(*gray)], texture(*gray));
+                    for k in 0..4 {
+                        // The last is squared, after that of the other pixel is taken off: in all four alike, as one vector.
+                        sums[k] += (terms[k] - two_before[k]) * (OTHERS[k] + (last[k] - two_before[k]));
+                    }
+                    (two_before, before) = (before, last);
                 }
-            }
-            let cell = usize::from(run.cell);
-            let cells = if cell < COLUMNS * ROWS {
-                &mut left.cells
-            } else {
-                &mut right.cells
-            };
-            if let Some(cell) = cells.as_flattened_mut().get_mut(cell % (COLUMNS * ROWS)) {
-                for (sum, term) in cell.iter_mut().zip(sums) {
-                    *sum += term;
+                let cell = usize::from(run.cell);
+                let cell = if cell < CELLS {
+                    left.get_mut(cell)
+                } else {
+                    right.get_mut(cell - CELLS)
+                };
+                if let Some(cell) = cell {
+                    for (sum, term) in cell.iter_mut().zip(sums) {
+                        *sum += term;
+                    }
                 }
             }
         }

@@ -3,12 +3,16 @@
 use crate::rim::{Rim, project};
 use messages::Frame;
 
-/// Rays from the wheel's centre on which the edge is looked for.
+/// Rays from the wheel's centre on which the edge is looked for, and as a multiple of what a processor works on at once.
 const RAYS: usize = 108;
+const RAYS_ROOM: usize = RAYS.next_multiple_of(VECTOR);
+const VECTOR: usize = 8;
 /// Samples along a ray, evenly about the edge's expected place.
 const SAMPLES: usize = 25;
 /// The same, as a multiple of what a processor works on at once.
-const LANES: usize = SAMPLES.next_multiple_of(8);
+const LANES: usize = SAMPLES.next_multiple_of(VECTOR);
+/// Samples of which as many are on either side that the rise of the gray values is known.
+const RISES: usize = SAMPLES - 6;
 /// Distance of the samples [px].
 const SAMPLE_PX: f64 = 0.5;
 /// Cosine of the angle from straight down below which soil seldom hides the inner edge.
@@ -22,6 +26,8 @@ const ITERATIONS: usize = 10;
 const CENTER_SIGMA_PX: f64 = 1.5;
 const RADIUS_SIGMA: f64 = 0.004;
 const EDGE_SIGMA_PX: f64 = 0.4;
+/// A place that no edge has.
+const NOWHERE: f32 = 1e3;
 /// Residuals that the first and the last iteration still count [px].
 const RESIDUAL_PX: (f64, f64) = (4.0, 1.2);
 
@@ -53,18 +59,23 @@ impl Shift {
         let (turn_sin, turn_cos) = (std::f64::consts::TAU / RAYS as f64).sin_cos();
         // Half a turn from straight down, each ray from the one before.
         let (mut sin, mut cos) = (0.0, -1.0);
-        let mut edges = [(0.0, 0.0, 0.0); RAYS];
-        let mut count = 0;
+        let mut edges = Edges {
+            sin: [0.0; RAYS_ROOM],
+            cos: [0.0; RAYS_ROOM],
+            place: [NOWHERE; RAYS_ROOM],
+            count: 0,
+        };
         for _ in 0..RAYS {
             (sin, cos) = (sin * turn_cos + cos * turn_sin, cos * turn_cos - sin * turn_sin);
             if cos <= COSINE_MAX
                 && let Some(place) = edge(image, width, &frame.homography, (sin, cos), ratio, step)
             {
-                edges[count] = (sin, cos, place);
-                count += 1;
+                (edges.sin[edges.count], edges.cos[edges.count]) = (sin as f32, cos as f32);
+                edges.place[edges.count] = place as f32;
+                edges.count += 1;
             }
         }
-        let [right, down, outward] = circle(&edges[..count], step / SAMPLE_PX)?;
+        let [right, down, outward] = circle(&edges, step / SAMPLE_PX)?;
         Some(Self {
             right,
             down,
@@ -107,33 +118,36 @@ fn edge(
     let from = project(homography, (ratio - reach) * sin, (ratio - reach) * cos)?;
     let to = project(homography, (ratio + reach) * sin, (ratio + reach) * cos)?;
     let least = from.0.min(to.0).min(from.1).min(to.1);
-    if !(least >= 0.0 && from.0.max(to.0) + 1.0 < width as f64) {
+    let (right, down) = (from.0.max(to.0) + 1.0, from.1.max(to.1) + 1.0);
+    if !(least >= 0.0 && right < width as f64 && down < (image.len() / width) as f64) {
         return None;
     }
     let share = 1.0 / (SAMPLES - 1) as f32;
     let (column, row) = (from.0 as f32, from.1 as f32);
     let (right, down) = (share * (to.0 as f32 - column), share * (to.1 as f32 - row));
     let grays = samples(image, width, (column, row), (right, down))?;
-    // Sums of the gray values up to each sample.
-    let mut sums = [0.0_f32; SAMPLES + 1];
-    for j in 0..SAMPLES {
-        sums[j + 1] = sums[j] + grays[j];
-    }
     // Three samples against three: the mean rise over 2 px.
-    let rise = |j: usize| (sums[j + 4] - sums[j + 1]) - (sums[j] - sums[j - 3]);
-    let (mut best, mut most) = (0, 3.0 * STEP_MIN);
-    for j in 3..SAMPLES - 3 {
-        if rise(j) > most {
-            (best, most) = (j, rise(j));
+    let threes: [f32; LANES] = std::array::from_fn(|j| {
+        if j + 2 < LANES {
+            grays[j] + grays[j + 1] + grays[j + 2]
+        } else {
+            0.0
         }
+    });
+    let rises: [f32; LANES - VECTOR] = std::array::from_fn(|j| if j < RISES { threes[j + 4] - threes[j] } else { 0.0 });
+    let mut most = [0.0_f32; VECTOR];
+    for rises in rises.as_chunks::<VECTOR>().0 {
+        most = std::array::from_fn(|k| if rises[k] > most[k] { rises[k] } else { most[k] });
     }
-    if best <= 3 || best >= SAMPLES - 4 {
+    let most = most.into_iter().fold(3.0 * STEP_MIN, f32::max);
+    let best = rises.iter().position(|rise| *rise >= most)?;
+    if best == 0 || best >= RISES - 1 {
         return None;
     }
-    let (before, after) = (rise(best - 1), rise(best + 1));
+    let (before, after) = (rises[best - 1], rises[best + 1]);
     let between = 0.5 * (before - after) / (before - 2.0 * most + after);
     let between = if between.abs() <= 0.5 { f64::from(between) } else { 0.0 };
-    Some((best as f64 + between - (SAMPLES / 2) as f64) * step)
+    Some((best as f64 + 3.0 + between - (SAMPLES / 2) as f64) * step)
 }
 
 /// The gray values along a ray, each between the pixels right of and below a place that is not negative.
@@ -141,38 +155,45 @@ fn edge(
 fn samples(image: &[u8], width: usize, (column, row): (f32, f32), (right, down): (f32, f32)) -> Option<[f32; LANES]> {
     // A value below 2^22 and this has a unit of 1: its last bits are the whole number next to the value.
     const LARGE: f32 = 12_582_912.0;
-    let (mut columns, mut rows) = ([0_u32; LANES], [0_u32; LANES]);
+    let mut firsts = [0_u32; LANES];
     let (mut u, mut v) = ([0.0_f32; LANES], [0.0_f32; LANES]);
     for j in 0..LANES {
         let (x, y) = (column + j as f32 * right, row + j as f32 * down);
         let (i, k) = (x - 0.5 + LARGE, y - 0.5 + LARGE);
-        (columns[j], rows[j]) = (i.to_bits() & 0x003f_ffff, k.to_bits() & 0x003f_ffff);
+        let (left, above) = (i.to_bits() & 0x003f_ffff, k.to_bits() & 0x003f_ffff);
+        // No more than a picture has pixels, since all are within.
+        firsts[j] = above.wrapping_mul(width as u32).wrapping_add(left);
         (u[j], v[j]) = (x - (i - LARGE), y - (k - LARGE));
     }
-    let mut corners = [[0.0_f32; LANES]; 4];
-    for j in 0..SAMPLES {
-        let first = (rows[j] as usize)
-            .checked_mul(width)?
-            .checked_add(columns[j] as usize)?;
-        let above: &[u8; 2] = image.get(first..)?.first_chunk()?;
-        let below: &[u8; 2] = image.get(first.checked_add(width)?..)?.first_chunk()?;
-        let grays = [above[0], above[1], below[0], below[1]];
-        for (corner, gray) in corners.iter_mut().zip(grays) {
-            corner[j] = f32::from(gray);
-        }
+    // The four pixels around each place, as the bytes of a number.
+    let mut corners = [0_u32; LANES];
+    for (corner, first) in corners[..SAMPLES].iter_mut().zip(firsts) {
+        let (first, below) = (first as usize, first as usize + width);
+        let (Some([a, b]), Some([c, d])) = (image.get(first..first + 2), image.get(below..below + 2)) else {
+            return None;
+        };
+        *corner = u32::from_le_bytes([*a, *b, *c, *d]);
     }
-    let [a, b, c, d] = &corners;
     Some(std::array::from_fn(|j| {
-        let (above, below) = (a[j] + u[j] * (b[j] - a[j]), c[j] + u[j] * (d[j] - c[j]));
+        let [a, b, c, d] = corners[j].to_le_bytes().map(f32::from);
+        let (above, below) = (a + u[j] * (b - a), c + u[j] * (d - c));
         above + v[j] * (below - above)
     }))
 }
 
-/// Right, down and outward of the circle through the edges `(sin, cos, outward)`: Tukey's weights, and a prior from what
-/// the geometry is known to. `pixel` is one pixel in outer radii.
+/// Where the rays meet the edge, outwards from its expected place; beyond `count`, [`NOWHERE`].
+struct Edges {
+    sin: [f32; RAYS_ROOM],
+    cos: [f32; RAYS_ROOM],
+    place: [f32; RAYS_ROOM],
+    count: usize,
+}
+
+/// Right, down and outward of the circle through the edges: Tukey's weights, and a prior from what the geometry is known to.
+/// `pixel` is one pixel in outer radii.
 #[inline(always)]
-fn circle(edges: &[(f64, f64, f64)], pixel: f64) -> Option<[f64; 3]> {
-    if (edges.len() as f64) < RAYS_MIN {
+fn circle(edges: &Edges, pixel: f64) -> Option<[f64; 3]> {
+    if (edges.count as f64) < RAYS_MIN {
         return None;
     }
     let mut agreeing = 0.0;
@@ -182,26 +203,13 @@ fn circle(edges: &[(f64, f64, f64)], pixel: f64) -> Option<[f64; 3]> {
     let mut found = [0.0, 0.0, median(edges)];
     let mut reach = RESIDUAL_PX.0 * pixel;
     for iteration in 0..ITERATIONS {
-        let mut normal = [[0.0; 3]; 3];
-        let mut right_side = [0.0; 3];
-        agreeing = 0.0;
-        for &(sin, cos, place) in edges {
-            let row = [sin, cos, 1.0];
-            let residual = place - row[0] * found[0] - row[1] * found[1] - found[2];
-            let weight = (1.0 - (residual / reach).powi(2)).max(0.0).powi(2);
-            agreeing += weight;
-            for i in 0..3 {
-                let weighted = weight * row[i];
-                for k in 0..3 {
-                    normal[i][k] += weighted * row[k];
-                }
-                right_side[i] += weighted * place;
-            }
-        }
+        let [w, s, c, ss, sc, cc, p, sp, cp] = moments(edges, found.map(|it| it as f32), reach as f32);
+        agreeing = w;
+        let mut normal = [[ss, sc, s], [sc, cc, c], [s, c, w]];
         for k in 0..3 {
             normal[k][k] += prior[k];
         }
-        found = solve(&normal, right_side)?;
+        found = solve(&normal, [sp, cp, p])?;
         if iteration >= 2 {
             reach = (0.7 * reach).max(RESIDUAL_PX.1 * pixel);
         }
@@ -209,13 +217,37 @@ fn circle(edges: &[(f64, f64, f64)], pixel: f64) -> Option<[f64; 3]> {
     (agreeing >= RAYS_MIN).then_some(found)
 }
 
-fn median(edges: &[(f64, f64, f64)]) -> f64 {
-    let mut places = [f64::INFINITY; RAYS];
-    for (place, edge) in places.iter_mut().zip(edges) {
-        *place = edge.2;
+/// Sums over the edges, by their weights, of 1, sin, cos, sin², sin cos, cos², and of the place, times sin, times cos.
+#[inline(always)]
+fn moments(edges: &Edges, found: [f32; 3], reach: f32) -> [f64; 9] {
+    let mut sums = [[0.0_f32; VECTOR]; 9];
+    let [sin, cos, place] = [&edges.sin, &edges.cos, &edges.place].map(|of| of.as_chunks::<VECTOR>().0);
+    for ((sin, cos), place) in sin.iter().zip(cos).zip(place) {
+        let mut terms = [[0.0; VECTOR]; 9];
+        for k in 0..VECTOR {
+            let (s, c, p) = (sin[k], cos[k], place[k]);
+            let residual = (p - s * found[0] - c * found[1] - found[2]) / reach;
+            let kept = (1.0 - residual * residual).max(0.0);
+            let w = kept * kept;
+            let (ws, wc) = (w * s, w * c);
+            let all = [w, ws, wc, ws * s, ws * c, wc * c, w * p, ws * p, wc * p];
+            for (terms, term) in terms.iter_mut().zip(all) {
+                terms[k] = term;
+            }
+        }
+        for (sums, terms) in sums.iter_mut().zip(terms) {
+            for (sum, term) in sums.iter_mut().zip(terms) {
+                *sum += term;
+            }
+        }
     }
-    places.sort_unstable_by(f64::total_cmp);
-    places[edges.len() / 2]
+    sums.map(|lanes| lanes.into_iter().map(f64::from).sum())
+}
+
+fn median(edges: &Edges) -> f64 {
+    let mut places = edges.place;
+    let (_, median, _) = places[..edges.count].select_nth_unstable_by(edges.count / 2, f32::total_cmp);
+    f64::from(*median)
 }
 
 /// Cramer's rule.

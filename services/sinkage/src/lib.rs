@@ -215,6 +215,7 @@ impl pulp::WithSimd for ByContrast<'_> {
             frame,
             rim,
         } = self;
+        tracker.annulus.call_up(image);
         let shift = Shift::find(image, width, frame);
         let center = shift.and_then(|shift| rim::project(&frame.homography, shift.right, shift.down));
         let rest = tracker

@@ -38,34 +38,42 @@ impl Posterior {
     #[inline(always)]
     pub fn new(contrast: &Contrast, weights: &Weights) -> Self {
         let mut scores = [[f32::NEG_INFINITY; ROWS]; TILTS.len()];
-        let mut best = f32::NEG_INFINITY;
+        let mut highest = [[f32::NEG_INFINITY; ROWS / PART]; TILTS.len()];
         for (tilt, scores) in scores.iter_mut().enumerate() {
-            let sums = weighted(
-                &contrast.features[tilt],
-                &weights.features,
-                0.0,
-                contrast.rows[tilt].clone(),
-            );
-            for ((score, sum), known) in scores.iter_mut().zip(sums).zip(contrast.known[tilt]) {
-                if known {
-                    *score = sum;
-                    best = best.max(sum);
+            let rows = contrast.rows[tilt].clone();
+            let sums = weighted(&contrast.features[tilt], &weights.features, 0.0, rows.clone());
+            let known = &contrast.known[tilt][rows.clone()];
+            for ((score, sum), known) in scores[rows.clone()].iter_mut().zip(&sums[rows]).zip(known) {
+                *score = if *known { *sum } else { f32::NEG_INFINITY };
+            }
+            for (highest, scores) in highest[tilt].iter_mut().zip(scores.as_chunks().0) {
+                *highest = largest(scores);
+            }
+        }
+        let floor = highest.as_flattened().iter().copied().fold(f32::NEG_INFINITY, f32::max) - SCORE_SPAN;
+        for (tilt, scores) in scores.iter_mut().enumerate() {
+            for (part, scores) in scores.as_chunks_mut().0.iter_mut().enumerate() {
+                if highest[tilt][part] > floor {
+                    refine(scores, &contrast.features[tilt], part * PART, floor, weights);
+                    highest[tilt][part] = largest(scores);
                 }
             }
         }
-        for (scores, features) in scores.iter_mut().zip(&contrast.features) {
-            for (part, scores) in scores.chunks_exact_mut(PART).enumerate() {
-                if scores.iter().any(|score| *score > best - SCORE_SPAN) {
-                    refine(scores, features, part * PART, best - SCORE_SPAN, weights);
-                }
-            }
-        }
-        let best = scores.as_flattened().iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let best = highest.as_flattened().iter().copied().fold(f32::NEG_INFINITY, f32::max);
         let mut mass = [0.0; BINS];
-        for (score, height) in scores.as_flattened().iter().zip(contrast.heights.as_flattened()) {
-            let below = score - best;
-            if below > -SCORE_SPAN {
-                mass[((height * BINS as f32) as usize).min(BINS - 1)] += (weights.temper * below).exp();
+        let parts = scores
+            .as_flattened()
+            .chunks_exact(PART)
+            .zip(contrast.heights.as_flattened().chunks_exact(PART));
+        for ((scores, heights), highest) in parts.zip(highest.as_flattened()) {
+            if highest - best > -SCORE_SPAN {
+                for (score, height) in scores
+                    .iter()
+                    .zip(heights)
+                    .filter(|(score, _)| *score - best > -SCORE_SPAN)
+                {
+                    mass[((height * BINS as f32) as usize).min(BINS - 1)] += (weights.temper * (score - best)).exp();
+                }
             }
         }
         let mut posterior = Self { mass, pictures: 1.0 };
@@ -192,9 +200,16 @@ fn weighted(features: &Features, weights: &[f32; FEATURES], start: f32, rows: Ra
     sums
 }
 
+/// The largest of some scores, two halves side by side.
+#[inline(always)]
+fn largest(scores: &[f32; PART]) -> f32 {
+    let halves: [f32; PART / 2] = std::array::from_fn(|k| scores[k].max(scores[k + PART / 2]));
+    halves.into_iter().fold(f32::NEG_INFINITY, f32::max)
+}
+
 /// Adds the hidden layer to the scores of some rows; those at or below `floor` are no candidates.
 #[inline(always)]
-fn refine(scores: &mut [f32], features: &Features, first: usize, floor: f32, weights: &Weights) {
+fn refine(scores: &mut [f32; PART], features: &Features, first: usize, floor: f32, weights: &Weights) {
     let mut parts = [[0.0; PART]; FEATURES];
     for (part, feature) in parts.iter_mut().zip(features) {
         if let Some(values) = feature.get(first..first + PART) {

@@ -232,8 +232,9 @@ impl Attention {
         }
     }
 
-    /// Takes in what is there on the observed wires. In a replay, where a full queue stops its writer, a stage that waits
-    /// for one wire must keep the others from filling up: writers that wait for each other through it would wait for ever.
+    /// Takes in what is there on the observed wires, while nothing else is to be done: the trigger then finds it there. In a
+    /// replay, where a full queue stops its writer, a stage that waits for one wire must keep the others from filling up:
+    /// writers that wait for each other through it would wait for ever.
     fn fill(&self) -> Result<(), Error> {
         self.observed.borrow().iter().try_for_each(|queue| queue.fill())
     }
@@ -307,9 +308,7 @@ impl<T: Message> Input<T> {
     pub(crate) fn next<R>(&mut self, act: impl FnOnce(&T) -> R) -> Result<Option<R>, Error> {
         while !self.attention.termination.requested() {
             let Some(sample) = self.reader.receive()? else {
-                if self.reader.mode == Mode::Replay {
-                    self.attention.fill()?;
-                }
+                self.attention.fill()?;
                 self.reader.wait()?;
                 continue;
             };

@@ -1,14 +1,29 @@
 //! On which processors a service runs, before whom, and whether its memory stays: what its table of the system file says.
 
-use crate::{Error, SystemFile};
+use crate::{Error, Mode, Port, SystemFile};
 use rustix::mm::MlockAllFlags;
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::{CapabilitySet, CpuSet, capabilities, sched_getaffinity, sched_setaffinity};
 use serde::Deserialize;
+use std::collections::BTreeSet;
 use std::ops::Range;
+use toml::Spanned;
 
 /// Processors of a machine at the most.
 const CPUS_MAX: u32 = CpuSet::MAX_CPU as u32;
+
+/// Where services run whose tables name no processors.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Places {
+    /// Each camera and the stages after it on one processor, another for each camera; the other services where the kernel
+    /// sees fit. The stages of a cycle run one after the other: on one processor none waits for another to wake, and the
+    /// picture is in its cache.
+    #[default]
+    Chains,
+    /// All where the kernel sees fit.
+    Kernel,
+}
 
 /// The processors that a service may run on.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
@@ -81,6 +96,8 @@ pub(crate) fn apply(system: &SystemFile, name: &str) -> Result<(), Error> {
     };
     if let Some(cpus) = &table.cpus {
         judge(cpus.span(), run_on(cpus.get_ref()))?;
+    } else if let Err(why) = keep_chains_together(system, name) {
+        eprintln!("service {name}: {why}; it goes on where the kernel sees fit");
     }
     if let Some(sched) = &table.sched {
         judge(sched.span(), schedule(*sched.get_ref()))?;
@@ -89,6 +106,61 @@ pub(crate) fn apply(system: &SystemFile, name: &str) -> Result<(), Error> {
         Some(lock) if *lock.get_ref() => judge(lock.span(), lock_memory()),
         _ => Ok(()),
     }
+}
+
+/// Runs a service where [`Places`] says. In a replay the stages of several cycles run side by side.
+fn keep_chains_together(system: &SystemFile, name: &str) -> Result<(), String> {
+    if system.system.placement == Places::Kernel || system.system.mode == Mode::Replay {
+        return Ok(());
+    }
+    let Some(chain) = chain_of(system, name) else {
+        return Ok(());
+    };
+    let processors = fastest(&allowed()?, speed);
+    if processors.len() < 2 {
+        return Ok(());
+    }
+    // From the last on: the first ones are busy with interrupts.
+    let processor = processors[processors.len() - 1 - chain % processors.len()];
+    run_on(&Cpus(vec![processor]))
+}
+
+/// Which of the system's chains a service belongs to, counted from 0; `None` where no camera stands at its beginning.
+fn chain_of(system: &SystemFile, name: &str) -> Option<usize> {
+    let frames = Port::Frames.name();
+    let table = system.services.get(name)?;
+    let triggers = table.outputs.keys().find_map(|port| table.trigger_of(port));
+    let head = match table.outputs.get(frames) {
+        Some(wire) => wire.get_ref().clone(),
+        None => system.head_of(triggers?),
+    };
+    let heads = system.services.values().filter_map(|table| table.outputs.get(frames));
+    let heads: BTreeSet<&String> = heads.map(Spanned::get_ref).collect();
+    heads.into_iter().position(|wire| *wire == head)
+}
+
+/// The processors that this process may run on.
+fn allowed() -> Result<Vec<u32>, String> {
+    let set = sched_getaffinity(None).map_err(|error| format!("cannot ask for the processors: {error}"))?;
+    Ok((0..CPUS_MAX).filter(|cpu| set.is_set(*cpu as usize)).collect())
+}
+
+/// Those that are not slower than the others by more than a tenth: some machines have slow ones beside fast ones.
+fn fastest(cpus: &[u32], speed: impl Fn(u32) -> u64) -> Vec<u32> {
+    let best = cpus.iter().map(|cpu| speed(*cpu)).max().unwrap_or(0);
+    let is_fast = |cpu: &u32| 10 * speed(*cpu) >= 9 * best;
+    cpus.iter().copied().filter(is_fast).collect()
+}
+
+/// A processor's speed beside the others' of the machine; 0 where the kernel does not say.
+fn speed(cpu: u32) -> u64 {
+    let number = |file: &str| {
+        let text = std::fs::read_to_string(format!("/sys/devices/system/cpu/cpu{cpu}/{file}")).ok()?;
+        text.trim().parse::<u32>().ok().map(u64::from)
+    };
+    number("cpu_capacity")
+        .or_else(|| number("cpufreq/cpuinfo_max_freq"))
+        .unwrap_or(0)
 }
 
 fn run_on(Cpus(cpus): &Cpus) -> Result<(), String> {
@@ -144,6 +216,53 @@ mod tests {
         SystemFile::parse("rover.toml", &text)
             .map(|_| String::new())
             .unwrap_or_else(|error| error.to_string())
+    }
+
+    #[test]
+    fn each_camera_and_its_stages_are_a_chain() {
+        let mut text = String::from("[system]\nname = \"rover\"\n");
+        for (name, inputs, outputs) in [
+            ("front_camera", "", "frames = \"front/frames\""),
+            (
+                "front_sinkage",
+                "frames = \"front/frames\"",
+                "sinkage = \"front/sinkage\"",
+            ),
+            (
+                "front_soil",
+                "sinkage = \"front/sinkage\", wheel = \"wheel\"",
+                "soil = \"front/soil\"",
+            ),
+            ("rear_camera", "", "frames = \"rear/frames\""),
+            ("rear_sinkage", "frames = \"rear/frames\"", "sinkage = \"rear/sinkage\""),
+            ("telemetry", "", "wheel = \"wheel\", vibration = \"vibration\""),
+            ("vibration", "vibration = \"vibration\"", "class = \"class\""),
+        ] {
+            let table = format!("exec = [\"x\"]\ninputs = {{ {inputs} }}\noutputs = {{ {outputs} }}\n");
+            text += &format!("[service.{name}]\n{table}");
+        }
+        let system = SystemFile::parse("rover.toml", &text).unwrap();
+        for (name, chain) in [
+            ("front_camera", Some(0)),
+            ("front_sinkage", Some(0)),
+            ("front_soil", Some(0)),
+            ("rear_camera", Some(1)),
+            ("rear_sinkage", Some(1)),
+            ("telemetry", None),
+            ("vibration", None),
+            ("nobody", None),
+        ] {
+            assert_eq!(chain_of(&system, name), chain, "{name}");
+        }
+    }
+
+    #[test]
+    fn slow_processors_are_left_out() {
+        let speeds = [5200, 5000, 3900, 3900];
+        assert_eq!(fastest(&[0, 1, 2, 3], |cpu| speeds[cpu as usize]), [0, 1]);
+        assert_eq!(fastest(&[2, 3], |cpu| speeds[cpu as usize]), [2, 3]);
+        assert_eq!(fastest(&[0, 2], |_| 0), [0, 2]);
+        assert_eq!(fastest(&[], |_| 0), [0; 0]);
     }
 
     #[test]

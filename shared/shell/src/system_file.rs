@@ -1,6 +1,6 @@
 //! The system file: the whole process set on one page, as TOML.
 
-use crate::placement::{Cpus, OnRefusal, Sched};
+use crate::placement::{Cpus, OnRefusal, Places, Sched};
 use crate::{Error, Port};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -38,6 +38,9 @@ pub struct SystemTable {
     /// A cycle is to be answered by the whole chain within this time after its first sample was sent [ms]; those that are
     /// later are counted. Absent: however late.
     pub cycle_deadline_ms: Option<Spanned<f64>>,
+    /// Where the services run whose tables name no processors.
+    #[serde(default)]
+    pub placement: Places,
 }
 
 /// Whether samples may be overtaken by newer ones.
@@ -95,6 +98,14 @@ pub struct ServiceTable {
     pub on_refusal: OnRefusal,
     /// The service's own table, in its own words.
     pub config: Option<Spanned<toml::Value>>,
+}
+
+impl ServiceTable {
+    /// The wire whose samples trigger those of an output.
+    pub(crate) fn trigger_of(&self, port: &str) -> Option<&str> {
+        let trigger = Port::named(port)?.trigger()?;
+        self.inputs.get(trigger.name()).map(|input| input.get_ref().as_str())
+    }
 }
 
 /// When a service is started again after it has ended.
@@ -199,8 +210,7 @@ impl SystemFile {
         let trigger_of = |wire: &str| {
             self.services.values().find_map(|table| {
                 let port = table.outputs.iter().find(|(_, output)| output.get_ref() == wire)?.0;
-                let trigger = Port::named(port)?.trigger()?;
-                table.inputs.get(trigger.name()).map(|input| input.get_ref().as_str())
+                table.trigger_of(port)
             })
         };
         let mut head = wire;

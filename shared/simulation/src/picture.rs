@@ -6,6 +6,7 @@
 use crate::noise::hash;
 use messages::{Frame, PIXELS_MAX};
 use std::f64::consts::TAU;
+use std::ops::Range;
 
 /// Draws the wheel standing in the soil: a pure function of (seed, scene).
 pub(crate) struct Painter {
@@ -15,6 +16,7 @@ pub(crate) struct Painter {
     /// Sensor noise, gray levels, a row longer than `NOISE_STARTS`: every row of every frame begins elsewhere in it.
     noise: Vec<f32>,
     /// Texture of the soil, a tile of `TILE_ROWS` x `TILE_COLUMNS` that repeats, in 1/`TEXTURE_STEPS` of its standard deviation.
+    /// Each row is longer by its first columns once more, so that a strip of it lies in one piece.
     texture: Vec<i8>,
     /// Height of the terrain's undulation over one tile's columns, -1 to 1.
     undulation: Vec<f32>,
@@ -51,6 +53,8 @@ const NOISE_STARTS: u64 = 1 << 16;
 const NOISE_GRAY: f64 = 2.5;
 /// Columns painted together: what depends on the column alone is worked out once for all their rows.
 const STRIP_COLUMNS: usize = 128;
+/// Columns of a row of the texture, with those that stand there twice.
+const TEXTURE_COLUMNS: usize = TILE_COLUMNS + STRIP_COLUMNS + 1;
 
 /// Width of the ramp that stands for the lens's blur of a sharp edge.
 const EDGE_PX: f32 = 1.4;
@@ -134,9 +138,7 @@ impl Painter {
                     hills_y: &hills_y,
                 };
                 let noise = &self.noise[self.row_noise(scene.time_ms, y) + first..];
-                for (k, (pixel, noise)) in row[columns.clone()].iter_mut().zip(noise).enumerate() {
-                    *pixel = (strip.gray(k, &ground, &face, &soil) + noise + 0.5) as u8;
-                }
+                strip.paint(&mut row[columns.clone()], noise, &ground, &face, &soil);
             }
         }
     }
@@ -256,15 +258,27 @@ impl Face {
         }
     }
 
-    /// Gray level of the face at a point inside the outer circle, `radius` from the centre.
-    fn gray(&self, dx: f32, dy: f32, radius: f32) -> f32 {
+    /// Radius up to which something of the wheel is to be seen.
+    fn tip_px(&self) -> f32 {
+        Self::LUG_TIP * self.radius_px + EDGE_PX
+    }
+
+    /// Radius up to which there is nothing of the rim.
+    fn hollow_px(&self) -> f32 {
+        RIM as f32 * self.radius_px - EDGE_PX
+    }
+
+    /// Gray level between the spokes, and of them.
+    fn hollow(&self, dx: f32, dy: f32) -> f32 {
+        let side = |spoke: &(f32, f32)| (spoke.0 * dy - spoke.1 * dx).abs();
+        let side = self.spokes.iter().map(side).fold(f32::MAX, f32::min);
+        let hub = 0.2 * self.radius_px - (dx * dx + dy * dy).sqrt();
+        mix(HOLLOW_GRAY, SPOKE_GRAY, ramp((0.05 * self.radius_px - side).max(hub)))
+    }
+
+    /// Gray level of the rim, `radius` from the centre.
+    fn rim(&self, dx: f32, dy: f32, radius: f32) -> f32 {
         let rim_px = RIM as f32 * self.radius_px;
-        if radius < rim_px - EDGE_PX {
-            let side = |spoke: &(f32, f32)| (spoke.0 * dy - spoke.1 * dx).abs();
-            let side = self.spokes.iter().map(side).fold(f32::MAX, f32::min);
-            let solid = ramp(0.05 * self.radius_px - side).max(ramp(0.2 * self.radius_px - radius));
-            return mix(HOLLOW_GRAY, SPOKE_GRAY, solid);
-        }
         // Light from above left, weak: the band is to look uniform.
         let shading = 1.0 - 0.06 * (0.4 * dx + 0.9 * dy) / radius.max(1.0);
         let mut band = TIRE_GRAY * shading;
@@ -295,11 +309,16 @@ struct Ground<'a> {
 }
 
 impl Ground<'_> {
-    fn gray(&self, x: usize, y: usize) -> f32 {
-        let row = (y % TILE_ROWS) * TILE_COLUMNS;
-        let at = |x: usize| f32::from(self.texture[row + x % TILE_COLUMNS]);
-        let grain = mix(at(x + self.shift.whole), at(x + self.shift.whole + 1), self.shift.part);
-        self.brightness * (1.0 - self.fall_per_row * (y as f32 - self.middle_row)) + self.grain * grain
+    /// Gray levels of the columns of row `y` from `first` on.
+    fn gray(&self, first: usize, y: usize) -> [f32; STRIP_COLUMNS] {
+        let start = (y % TILE_ROWS) * TEXTURE_COLUMNS + (first + self.shift.whole) % TILE_COLUMNS;
+        let texture = &self.texture[start..=start + STRIP_COLUMNS];
+        let level = self.brightness * (1.0 - self.fall_per_row * (y as f32 - self.middle_row));
+        let mut gray = [level; STRIP_COLUMNS];
+        for (gray, near) in gray.iter_mut().zip(texture.windows(2)) {
+            *gray += self.grain * mix(f32::from(near[0]), f32::from(near[1]), self.shift.part);
+        }
+        gray
     }
 }
 
@@ -312,34 +331,68 @@ struct Strip<'a> {
 }
 
 impl Strip<'_> {
-    /// Gray level of the strip's pixel `k`, without noise.
-    #[inline]
-    fn gray(&self, k: usize, ground: &Ground, face: &Face, soil: &SoilLine) -> f32 {
-        let (x, y) = ((self.first + k) as f32, self.y as f32);
-        let (dx, dy) = (x - face.center.0, y - face.center.1);
-        let covered = ramp(y - self.soil_y[k]);
-        let far = mix(SKY_GRAY, ground.brightness, 0.4 * ramp(y - self.hills_y[k]));
-
-        let square = dx * dx + dy * dy;
-        let tip_px = Face::LUG_TIP * face.radius_px + EDGE_PX;
-        if square > tip_px * tip_px {
-            return if covered > 0.0 {
-                mix(far, ground.gray(self.first + k, self.y), covered)
-            } else {
-                far
-            };
+    /// Fills the strip's pixels: those beside the wheel, those of its rim, and those between its spokes.
+    fn paint(&self, pixels: &mut [u8], noise: &[f32], ground: &Ground, face: &Face, soil: &SoilLine) {
+        let dy = self.y as f32 - face.center.1;
+        let earth = ground.gray(self.first, self.y);
+        let mut gray = self.landscape(&earth, ground.brightness);
+        let wheel = self.within(face, dy, face.tip_px());
+        let hollow = self.within(face, dy, face.hollow_px());
+        let rims = if hollow.is_empty() {
+            [wheel, 0..0]
+        } else {
+            [wheel.start..hollow.start, hollow.end..wheel.end]
+        };
+        for k in rims.into_iter().flatten() {
+            gray[k] = self.rim(k, dy, gray[k], earth[k], face, soil);
         }
-        let radius = square.sqrt();
-        let earth = ground.gray(self.first + k, self.y);
-        let mut around = mix(far, earth, covered);
+        for k in hollow {
+            let x = (self.first + k) as f32;
+            let face = face.hollow(x - face.center.0, dy);
+            gray[k] = mix(face, earth[k], soil.hides(x, self.y as f32));
+        }
+        for ((pixel, gray), noise) in pixels.iter_mut().zip(gray).zip(noise) {
+            *pixel = (gray + noise + 0.5) as u8;
+        }
+    }
+
+    /// Sky, hills and soil.
+    fn landscape(&self, earth: &[f32; STRIP_COLUMNS], hills_gray: f32) -> [f32; STRIP_COLUMNS] {
+        let y = self.y as f32;
+        let mut gray = [0.0; STRIP_COLUMNS];
+        for (k, gray) in gray.iter_mut().enumerate() {
+            let far = mix(SKY_GRAY, hills_gray, 0.4 * ramp(y - self.hills_y[k]));
+            *gray = mix(far, earth[k], ramp(y - self.soil_y[k]));
+        }
+        gray
+    }
+
+    /// The strip's columns whose pixels are nearer to the centre than `radius_px`.
+    fn within(&self, face: &Face, dy: f32, radius_px: f32) -> Range<usize> {
+        let square = radius_px * radius_px - dy * dy;
+        if square <= 0.0 {
+            return 0..0;
+        }
+        let column = |x: f32| ((x - self.first as f32).ceil().max(0.0) as usize).min(STRIP_COLUMNS);
+        let half_px = square.sqrt();
+        column(face.center.0 - half_px)..column(face.center.0 + half_px)
+    }
+
+    /// Gray level of a pixel at or near the rim.
+    fn rim(&self, k: usize, dy: f32, landscape: f32, earth: f32, face: &Face, soil: &SoilLine) -> f32 {
+        let (x, y) = ((self.first + k) as f32, self.y as f32);
+        let dx = x - face.center.0;
+        let radius = (dx * dx + dy * dy).sqrt();
+        let mut around = landscape;
         let inside = ramp(face.radius_px - radius);
         if inside < 1.0 {
+            let covered = ramp(y - self.soil_y[k]);
             around = mix(around, LUG_GRAY, face.lug(dx, dy, radius) * (1.0 - covered));
         }
         if inside > 0.0 {
             // The chord alone hides the wheel, so the contact angles hold whatever the terrain does outside.
             let hidden = soil.hides(x, y);
-            let wheel = if hidden < 1.0 { face.gray(dx, dy, radius) } else { earth };
+            let wheel = if hidden < 1.0 { face.rim(dx, dy, radius) } else { earth };
             around = mix(around, mix(wheel, earth, hidden), inside);
         }
         around
@@ -397,7 +450,10 @@ fn soil_texture(seed: u64) -> Vec<i8> {
             .for_each(|(sum, grain)| *sum += scale * grain);
     }
     let scale = TEXTURE_STEPS / deviation(&sum);
-    sum.iter().map(|value| (scale * value).round() as i8).collect()
+    let tile: Vec<i8> = sum.iter().map(|value| (scale * value).round() as i8).collect();
+    tile.chunks_exact(TILE_COLUMNS)
+        .flat_map(|row| row.iter().cycle().take(TEXTURE_COLUMNS).copied())
+        .collect()
 }
 
 /// Mean over `2 reach + 1` neighbours along rows of `length` that close on themselves; the result is transposed.
