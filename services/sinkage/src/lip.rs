@@ -3,16 +3,14 @@
 
 use crate::cells::Sums;
 use crate::contrast::{Contrast, FIRST, TILTS, line_meets};
-use crate::rim::{Rim, project};
-use crate::ring::Ring;
+use crate::rim::Rim;
+use crate::ring::{NOWHERE, Ring, compare, nearest};
 use crate::rows::ROWS;
 use crate::weights::Feature;
 
 /// Distances from the edge, inwards and outwards, in outer radii: far enough from it for a radius that is wrong by 0.5 %.
 const AWAY: [f64; 3] = [0.014, 0.022, 0.030];
 const RADII: usize = AWAY.len();
-/// A pixel outside of any picture.
-const NOWHERE: u32 = u32::MAX;
 /// Rows next to a line whose inner edge may be soil or not.
 const GAP: usize = 1;
 /// Rows above and below a line that are looked at.
@@ -60,13 +58,7 @@ impl LipLookup {
                     .into_iter()
                     .chain(AWAY.map(|away| edge - away));
                 for (pixel, radius) in pixels.iter_mut().zip(radii) {
-                    *pixel = project(&rim.image, radius * sin, radius * cos)
-                        // The nearest pixel: `as` rounds down.
-                        .map(|(column, row)| (column + 0.5, row + 0.5))
-                        .filter(|(column, row)| {
-                            (0.0..width as f64).contains(column) && (0.0..height as f64).contains(row)
-                        })
-                        .map_or(NOWHERE, |(column, row)| (row as usize * width + column as usize) as u32);
+                    *pixel = nearest(rim, (radius * sin, radius * cos), width, height);
                 }
             }
         }
@@ -86,20 +78,8 @@ impl LipLookup {
     /// The steps of both sides, left first; 0 where a pixel lies outside of the picture.
     #[inline(always)]
     pub fn measure(&self, image: &[u8], table: &[Sums; 256], lips: &mut [Ring; 2]) {
-        let log = |gray: u8| table[usize::from(gray)][1];
         for (lip, pixels) in lips.iter_mut().zip(&self.pixels) {
-            for (step, pixels) in lip[..self.end].iter_mut().zip(pixels) {
-                let mut sum = 0.0;
-                let mut all = true;
-                for (k, pixel) in pixels.iter().enumerate() {
-                    match image.get(*pixel as usize) {
-                        Some(gray) if k < RADII => sum += log(*gray),
-                        Some(gray) => sum -= log(*gray),
-                        None => all = false,
-                    }
-                }
-                *step = if all { (sum / RADII as f32).abs() } else { 0.0 };
-            }
+            compare(image, table, pixels, &mut lip[..self.end]);
         }
     }
 

@@ -9,7 +9,7 @@ const INSIDE: [f64; 3] = [0.955, 0.968, 0.981];
 const OUTSIDE: [f64; 3] = [1.019, 1.029, 1.039];
 const RADII: usize = INSIDE.len();
 /// A pixel outside of any picture.
-const NOWHERE: u32 = u32::MAX;
+pub(crate) const NOWHERE: u32 = u32::MAX;
 
 /// Of each row of a side, the difference of the log gray values across the outer edge at its height.
 pub type Ring = [f32; ROWS];
@@ -37,13 +37,7 @@ impl RingLookup {
                 let cos = (row as f64 + 0.5) / ROWS as f64;
                 let sin = sign * (1.0 - cos * cos).sqrt();
                 for (pixel, radius) in pixels.iter_mut().zip(INSIDE.into_iter().chain(OUTSIDE)) {
-                    *pixel = project(&rim.image, radius * sin, radius * cos)
-                        // The nearest pixel: `as` rounds down.
-                        .map(|(column, row)| (column + 0.5, row + 0.5))
-                        .filter(|(column, row)| {
-                            (0.0..width as f64).contains(column) && (0.0..height as f64).contains(row)
-                        })
-                        .map_or(NOWHERE, |(column, row)| (row as usize * width + column as usize) as u32);
+                    *pixel = nearest(rim, (radius * sin, radius * cos), width, height);
                 }
             }
         }
@@ -52,21 +46,44 @@ impl RingLookup {
     /// The differences of both sides, left first; 0 where a pixel lies outside of the picture.
     #[inline(always)]
     pub fn measure(&self, image: &[u8], table: &[Sums; 256], rings: &mut [Ring; 2]) {
-        let log = |gray: u8| table[usize::from(gray)][1];
         for (ring, pixels) in rings.iter_mut().zip(&self.pixels) {
-            for (step, pixels) in ring.iter_mut().zip(pixels) {
-                let mut sum = 0.0;
-                let mut all = true;
-                for (k, pixel) in pixels.iter().enumerate() {
-                    match image.get(*pixel as usize) {
-                        Some(gray) if k < RADII => sum += log(*gray),
-                        Some(gray) => sum -= log(*gray),
-                        None => all = false,
-                    }
-                }
-                *step = if all { (sum / RADII as f32).abs() } else { 0.0 };
+            compare(image, table, pixels, ring);
+        }
+    }
+}
+
+/// Index of the pixel nearest to a point of the wheel's face; [`NOWHERE`] beyond the picture.
+#[inline(always)]
+pub(crate) fn nearest(rim: &Rim, (right, down): (f64, f64), width: usize, height: usize) -> u32 {
+    project(&rim.image, right, down)
+        // `as` rounds down.
+        .map(|(column, row)| (column + 0.5, row + 0.5))
+        .filter(|(column, row)| (0.0..width as f64).contains(column) && (0.0..height as f64).contains(row))
+        .map_or(NOWHERE, |(column, row)| (row as usize * width + column as usize) as u32)
+}
+
+/// The difference of the mean log gray values of the first and the other half of each row's `pixels`, without its sign; 0
+/// where one of them lies outside of the picture.
+#[inline(always)]
+pub(crate) fn compare<const PIXELS: usize>(
+    image: &[u8],
+    table: &[Sums; 256],
+    pixels: &[[u32; PIXELS]],
+    ring: &mut [f32],
+) {
+    let log = |gray: u8| table[usize::from(gray)][1];
+    let half = PIXELS / 2;
+    for (step, pixels) in ring.iter_mut().zip(pixels) {
+        let mut sum = 0.0;
+        let mut all = true;
+        for (k, pixel) in pixels.iter().enumerate() {
+            match image.get(*pixel as usize) {
+                Some(gray) if k < half => sum += log(*gray),
+                Some(gray) => sum -= log(*gray),
+                None => all = false,
             }
         }
+        *step = if all { (sum / half as f32).abs() } else { 0.0 };
     }
 }
 
