@@ -1,17 +1,18 @@
 //! What more wheels, more frames and larger frames cost: processor time of the services and latency of the cycle, with the
 //! growth fitted to them.
 
+mod sources;
+mod together;
+
 use bench::{Day, Options, Outcome, Processes, Report, Series, cpu_ns, exponent};
 use clap::Parser;
-use messages::{Frame, Header, Message, Status, Terrain, Vibration, Wheel};
-use serde::Deserialize;
-use shell::{Domain, Error, Shell, Tap, Termination, now_ns, sleep_until};
-use simulation::Rover;
+use messages::{Frame, Header, Message, Terrain};
+use shell::{Domain, Error, Tap, Termination, now_ns, sleep_until};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::path::Path;
 use std::process::ExitCode;
-use zerocopy::{FromZeros, IntoBytes};
+use zerocopy::IntoBytes;
 
 /// Rounds, in each of which every variant has its turn.
 const ROUNDS: usize = 3;
@@ -25,11 +26,6 @@ const WARM_UP_MAX_S: f64 = 6.0;
 const LOOK_NS: u64 = 2_000_000;
 /// Time for the last cycles to arrive [ns].
 const DRAIN_NS: u64 = 500_000_000;
-/// Pictures that a source has, made beforehand, from all over the route.
-const PICTURES: usize = 64;
-/// Between two readings of the wheel, and between two pieces of vibration [ns].
-const READING_NS: u64 = 10_000_000;
-const PIECE_NS: u64 = 100_000_000;
 
 const WHEELS: [usize; 4] = [1, 2, 4, 6];
 const RATES_HZ: [f64; 6] = [10.0, 30.0, 100.0, 200.0, 500.0, 1000.0];
@@ -38,6 +34,7 @@ const USUAL: Variant = Variant {
     wheels: 1,
     rate_hz: 30.0,
     size_px: SIZES_PX[0],
+    together: false,
 };
 
 #[derive(Parser)]
@@ -47,9 +44,12 @@ struct Arguments {
 }
 
 fn main() -> ExitCode {
-    // The launcher starts this program as a source.
-    if std::env::args().any(|argument| argument.ends_with(".toml")) {
-        return shell::main(source);
+    // The launcher starts this program as a source, or as the one process for all wheels.
+    if let Some(system) = std::env::args().find(|argument| argument.ends_with(".toml")) {
+        return shell::main(|shell| match shell.writes("terrain") {
+            true => together::stages(shell, &system),
+            false => sources::source(shell),
+        });
     }
     match bench(&Arguments::parse().options) {
         Ok(()) => ExitCode::SUCCESS,
@@ -66,6 +66,8 @@ struct Variant {
     wheels: usize,
     rate_hz: f64,
     size_px: (u32, u32),
+    /// Whether one process serves all wheels.
+    together: bool,
 }
 
 /// What is varied in a table: its name, the name of each variant, and how large it is.
@@ -75,10 +77,17 @@ struct Axis {
     variants: Vec<(String, f64, Variant)>,
 }
 
-fn axes() -> [Axis; 3] {
-    let wheels = WHEELS.map(|wheels| {
-        let name = format!("{wheels} wheel{}", if wheels == 1 { "" } else { "s" });
-        (name, wheels as f64, Variant { wheels, ..USUAL })
+fn axes() -> [Axis; 4] {
+    let [wheels, together] = [false, true].map(|together| {
+        WHEELS.map(|wheels| {
+            let name = format!("{wheels} wheel{}", if wheels == 1 { "" } else { "s" });
+            let variant = Variant {
+                wheels,
+                together,
+                ..USUAL
+            };
+            (name, wheels as f64, variant)
+        })
     });
     let rates = RATES_HZ.map(|rate_hz| (format!("{rate_hz} Hz"), rate_hz, Variant { rate_hz, ..USUAL }));
     let sizes = SIZES_PX.map(|size_px| {
@@ -91,6 +100,11 @@ fn axes() -> [Axis; 3] {
             title: "wheels, each with its own services, at 30 Hz, 640×480",
             of: "wheels",
             variants: wheels.into(),
+        },
+        Axis {
+            title: "wheels, one process for the stages of all, at 30 Hz, 640×480",
+            of: "wheels",
+            variants: together.into(),
         },
         Axis {
             title: "frames a second, one wheel, 640×480",
@@ -232,7 +246,7 @@ fn measure(variant: &Variant, folder: &Path, measured_ns: u64, termination: &Ter
     let warm_up_s = (WARM_UP_FRAMES / variant.rate_hz).clamp(WARM_UP_MIN_S, WARM_UP_MAX_S);
     sleep_until(now_ns() + (warm_up_s * 1e9) as u64);
     let domain = system.enter()?;
-    let wires = (0..variant.wheels).map(|wheel| Ends::open(&domain, wheel));
+    let wires = (0..variant.wheels).map(|wheel| Ends::open(&domain, wheel, variant));
     let mut wheels = wires.collect::<Outcome<Vec<_>>>()?;
     let (before, begun_ns) = (used(&system)?, now_ns());
     look_until(&mut wheels, begun_ns + measured_ns, termination)?;
@@ -277,14 +291,22 @@ fn used(system: &Processes) -> Outcome<Vec<(String, u64)>> {
 struct Ends {
     frames: Tap<Frame>,
     terrain: Tap<Terrain>,
+    /// The terrain's cycles that are this wheel's: the first of them, and how many lie between one and the next.
+    cycles: (u64, u64),
     frames_ns: BTreeMap<u64, u64>,
     terrain_ns: BTreeMap<u64, u64>,
 }
 
 impl Ends {
-    fn open(domain: &Domain, wheel: usize) -> Outcome<Self> {
+    fn open(domain: &Domain, wheel: usize, variant: &Variant) -> Outcome<Self> {
+        let (terrain, cycles) = if variant.together {
+            (together::WIRE.to_owned(), (wheel as u64, variant.wheels as u64))
+        } else {
+            (format!("wheel{wheel}/terrain"), (0, 1))
+        };
         Ok(Self {
-            terrain: Tap::open(domain, &format!("wheel{wheel}/terrain"))?,
+            terrain: Tap::open(domain, &terrain)?,
+            cycles,
             // Last: of every frame that is seen, what follows is seen too.
             frames: Tap::open(domain, &format!("wheel{wheel}/frames"))?,
             frames_ns: BTreeMap::new(),
@@ -299,23 +321,28 @@ fn look_until(wheels: &mut [Ends], until_ns: u64, termination: &Termination) -> 
             return Err("told to end".into());
         }
         for wheel in &mut *wheels {
-            drain(&wheel.frames, &mut wheel.frames_ns)?;
-            drain(&wheel.terrain, &mut wheel.terrain_ns)?;
+            drain(&wheel.frames, (0, 1), &mut wheel.frames_ns)?;
+            drain(&wheel.terrain, wheel.cycles, &mut wheel.terrain_ns)?;
         }
         sleep_until(now_ns() + LOOK_NS);
     }
     Ok(())
 }
 
-/// Notes when each sample that is there was published.
-fn drain<T: Message>(tap: &Tap<T>, seen: &mut BTreeMap<u64, u64>) -> Result<(), Error> {
-    while let Some(header) = tap.poll(|sample| *sample.header())? {
-        seen.insert(header.sequence, header.published_ns);
+/// Notes when each sample that is there was published, of those that are this wheel's.
+fn drain<T: Message>(tap: &Tap<T>, (first, apart): (u64, u64), seen: &mut BTreeMap<u64, u64>) -> Result<(), Error> {
+    while let Some(Header {
+        sequence, published_ns, ..
+    }) = tap.poll(|sample| *sample.header())?
+    {
+        if sequence % apart == first {
+            seen.insert(sequence / apart, published_ns);
+        }
     }
     Ok(())
 }
 
-/// The rover of this size: for each wheel a source of frames and all stages; what shakes the body is there once.
+/// The rover of this size: for each wheel a source of frames, and all stages; what shakes the body is there once.
 fn system_file(variant: &Variant, folder: &Path) -> Outcome<String> {
     let program = std::env::current_exe()?;
     let (width, height) = variant.size_px;
@@ -334,6 +361,16 @@ config = {{ rate_hz = {rate_hz:?}, width_px = {width}, height_px = {height} }}
 exec = [{program:?}]
 outputs = {{ wheel = "wheel{n}/wheel" }}
 config = {{ file = {readings:?} }}
+"#
+        )?;
+    }
+    if variant.together {
+        text += &together::table(variant.wheels)?;
+    }
+    for n in (0..variant.wheels).filter(|_| !variant.together) {
+        write!(
+            text,
+            r#"
 [service.sinkage{n}]
 exec = ["terrasense-sinkage"]
 inputs = {{ frames = "wheel{n}/frames" }}
@@ -363,101 +400,4 @@ outputs = {{ class = "body/class" }}
 "#
     )?;
     Ok(text)
-}
-
-/// What a source is told.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Pictures {
-    rate_hz: f64,
-    width_px: u32,
-    height_px: u32,
-}
-
-/// The same, of one that plays samples.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Samples {
-    file: String,
-}
-
-/// A source whose samples have been made before: what it costs is that they are handed over.
-fn source(shell: &mut Shell) -> Result<(), Error> {
-    if shell.writes("frames") {
-        return camera(shell);
-    }
-    let samples: Samples = shell.config(|_| Ok(()))?;
-    if shell.writes("wheel") {
-        return play::<Wheel>(shell, "wheel", &samples.file, READING_NS, |_, _| ());
-    }
-    play::<Vibration>(shell, "vibration", &samples.file, PIECE_NS, |piece, later_ns| {
-        piece.start_ns = piece.start_ns.wrapping_add(later_ns);
-    })
-}
-
-/// Sends the samples of a file one after the other, and again; `move_later` does so with instants beyond the header's.
-fn play<T: Message + Clone>(
-    shell: &mut Shell,
-    port: &str,
-    file: &str,
-    period_ns: u64,
-    move_later: fn(&mut T, u64),
-) -> Result<(), Error> {
-    let output = shell.output::<T>(port)?;
-    let bytes = shell.read(file)?;
-    let samples = bytes.chunks_exact(size_of::<T>()).map(T::read_from_bytes);
-    let samples: Vec<T> = samples.collect::<Result<_, _>>().map_err(|_| Error::data(file))?;
-    shell.on_tick(period_ns, |number, instant_ns| {
-        let mut sample = samples[number as usize % samples.len()].clone();
-        let later_ns = instant_ns.wrapping_sub(sample.header().taken_ns);
-        move_later(&mut sample, later_ns);
-        (sample.header_mut().taken_ns, sample.header_mut().sequence) = (instant_ns, number);
-        output.send(sample)
-    })
-}
-
-/// Sends pictures of the route over and over.
-fn camera(shell: &mut Shell) -> Result<(), Error> {
-    let config: Pictures = shell.config(|_| Ok(()))?;
-    let frames = shell.output::<Frame>("frames")?;
-    let about = simulation::Config {
-        picture_width_px: config.width_px,
-        picture_height_px: config.height_px,
-        ..simulation::Config::default()
-    };
-    let route_ns = about.route_s * 1e9;
-    let rover = Rover::new(about);
-    let mut pictures = Vec::with_capacity(PICTURES);
-    for index in 0..PICTURES {
-        let mut picture = Frame::new_box_zeroed().map_err(|_| Error::internal("no memory for a picture"))?;
-        rover.render(route_ns * 1e-9 * index as f64 / PICTURES as f64, &mut picture);
-        pictures.push(picture);
-    }
-    let period_ns = (1e9 / config.rate_hz).round() as u64;
-    shell.on_tick(period_ns, |number, instant_ns| {
-        let share = ((number * period_ns) as f64 % route_ns) / route_ns;
-        let picture = &pictures[(share * PICTURES as f64) as usize % PICTURES];
-        frames.send_with(|frame| {
-            copy(picture, frame);
-            frame.header = Header {
-                taken_ns: instant_ns,
-                sequence: number,
-                status: Status::OK,
-                ..Header::default()
-            };
-            Ok(())
-        })
-    })
-}
-
-/// Copies what has a meaning.
-fn copy(picture: &Frame, frame: &mut Frame) {
-    (frame.width, frame.height) = (picture.width, picture.height);
-    (frame.crop_x_px, frame.crop_y_px) = (picture.crop_x_px, picture.crop_y_px);
-    (frame.center_x_px, frame.center_y_px) = (picture.center_x_px, picture.center_y_px);
-    (frame.rim_radius_px, frame.wheel_radius_px) = (picture.rim_radius_px, picture.wheel_radius_px);
-    frame.pitch_rad = picture.pitch_rad;
-    frame.homography = picture.homography;
-    let image = picture.image();
-    frame.pixels[..image.len()].copy_from_slice(image);
 }
