@@ -42,7 +42,7 @@ const COSINE_MAX: f64 = 0.6;
 #[derive(Debug, Args)]
 #[command(after_long_help = HELP)]
 pub struct AnnotateArguments {
-    /// A folder of PNG pictures of a wheel, seen from the side. `frames.csv` is written into it.
+    /// A folder of PNG or JPEG pictures of a wheel, seen from the side. `frames.csv` is written into it.
     #[arg(value_name = "FOLDER")]
     folder: PathBuf,
     /// Seconds from one picture to the next.
@@ -226,16 +226,19 @@ fn at(path: &Path, error: &dyn std::fmt::Display) -> Error {
     Error::data(format!("{}: {error}", path.display()))
 }
 
-/// The PNG files of a folder, by name.
+/// The PNG and JPEG files of a folder, by name.
 fn pictures(folder: &Path) -> Result<Vec<String>, Error> {
     let entries = std::fs::read_dir(folder).map_err(|error| at(folder, &error))?;
     let mut files: Vec<String> = entries
         .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
-        .filter(|file| file.to_ascii_lowercase().ends_with(".png") && !file.contains([',', '"']))
+        .filter(|file| {
+            let name = file.to_ascii_lowercase();
+            [".png", ".jpg", ".jpeg"].iter().any(|kind| name.ends_with(kind)) && !file.contains([',', '"'])
+        })
         .collect();
     files.sort();
     if files.is_empty() {
-        return Err(at(folder, &"no PNG pictures; convert others to PNG first"));
+        return Err(at(folder, &"no PNG or JPEG pictures; convert others to PNG first"));
     }
     Ok(files)
 }

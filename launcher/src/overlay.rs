@@ -4,7 +4,7 @@ use image::{Rgb, RgbImage};
 use messages::Frame;
 use shell::Error;
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use traverse::{FrameRow, FrameRows, Table};
 
 const ANNULUS: Rgb<u8> = Rgb([60, 200, 255]);
@@ -35,13 +35,23 @@ pub fn write(traverse: &Path, out: &Path) -> Result<usize, Error> {
         };
         let mut picture = picture.into_rgb8();
         draw(&mut picture, &row, found.of(row.sequence)?);
-        let path = folder.join(Path::new(&row.file).file_name().unwrap_or_default());
+        let path = folder.join(drawn(&row.file));
         picture
             .save(&path)
             .map_err(|error| Error::data(format!("{}: {error}", path.display())))?;
         written += 1;
     }
     Ok(written)
+}
+
+/// The name of what is drawn over a picture: its own, which ends with `.png`.
+fn drawn(file: &str) -> PathBuf {
+    let name = Path::new(Path::new(file).file_name().unwrap_or_default());
+    if name.extension().is_some_and(|kind| kind.eq_ignore_ascii_case("png")) {
+        name.into()
+    } else {
+        name.with_added_extension("png")
+    }
 }
 
 fn open(path: &Path) -> Result<traverse::Input, Error> {
@@ -219,6 +229,13 @@ impl Pen<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_drawn_over_a_picture_is_a_png_of_its_name() {
+        assert_eq!(drawn("left/000.png"), PathBuf::from("000.png"));
+        assert_eq!(drawn("left/000.PNG"), PathBuf::from("000.PNG"));
+        assert_eq!(drawn("000.jpg"), PathBuf::from("000.jpg.png"));
+    }
 
     #[test]
     fn the_outer_edge_and_the_interface_are_drawn_where_they_are() {

@@ -1,5 +1,6 @@
 //! Camera ingest: frames from a simulated rover or a recorded traverse.
 
+mod decode;
 mod picture;
 mod recorded;
 

@@ -1,17 +1,10 @@
-//! A PNG file, as bytes, into a frame: decoded, gray, and cropped to the wheel's surroundings where it is large, or
+//! A picture file, as bytes, into a frame: decoded, gray, and cropped to the wheel's surroundings where it is large, or
 //! scaled down where the wheel itself is.
 
+use crate::decode::{SIDE_PX_MAX, decode};
 use messages::{Frame, Header, PIXELS_MAX, Status};
-use png::{BitDepth, ColorType, Decoder, DecodingError, Limits, Transformations};
-use std::io::{Cursor, ErrorKind};
 use traverse::FrameRow;
 
-/// Pixels of a PNG file at the most.
-const DECODED_PIXELS_MAX: u64 = 64_000_000;
-/// Pixels of a row or a column of a PNG file at the most.
-const SIDE_PX_MAX: u32 = 65_535;
-/// Memory that the decoder may ask for beside the picture [bytes].
-const DECODER_BYTES_MAX: usize = 64 << 20;
 /// What a crop holds, in wheel radii: aside and below the centre, and above it. The first that fits into a frame is
 /// taken: all of the wheel with its surroundings, then its lower half with them, then its lower half alone.
 const CROPS: [(f64, f64); 3] = [(1.25, 1.25), (1.25, 0.25), (1.05, 0.05)];
@@ -24,7 +17,7 @@ pub struct PictureReader {
 
 impl PictureReader {
     /// Fills the frame, except for what the shell writes into its header, from a row of `frames.csv` and the bytes of
-    /// the PNG file that it names. 16-bit values lose their lower byte, colours become their luminance (Rec. 709), and
+    /// the PNG or JPEG file that it names. 16-bit values lose their lower byte, colours become their luminance (Rec. 709), and
     /// transparency has no meaning.
     ///
     /// A picture of more than [`PIXELS_MAX`] pixels is cropped: to the wheel and a quarter of its radius around it, or, where
@@ -33,8 +26,8 @@ impl PictureReader {
     ///
     /// # Errors
     /// Says what is wrong with the file, and the way out. The frame is then not to be used.
-    pub fn fill(&mut self, row: &FrameRow, png: &[u8], frame: &mut Frame) -> Result<(), String> {
-        let (width, height, channels) = self.decode(png)?;
+    pub fn fill(&mut self, row: &FrameRow, file: &[u8], frame: &mut Frame) -> Result<(), String> {
+        let (width, height, channels) = decode(file, &mut self.decoded)?;
         let crop = Crop::around_wheel(row, width, height);
         let stride = width as usize * channels;
         let left = crop.x_px as usize * channels;
@@ -58,37 +51,6 @@ impl PictureReader {
         };
         place(row, &crop, frame);
         Ok(())
-    }
-
-    /// Decodes into `self.decoded`: width, height and bytes of a pixel.
-    fn decode(&mut self, png: &[u8]) -> Result<(u32, u32, usize), String> {
-        let limits = Limits {
-            bytes: DECODER_BYTES_MAX,
-        };
-        let mut decoder = Decoder::new_with_limits(Cursor::new(png), limits);
-        decoder.set_transformations(Transformations::normalize_to_color8());
-        let (width, height) = decoder.read_header_info().map_err(|error| complaint(&error))?.size();
-        if width.max(height) > SIDE_PX_MAX || u64::from(width) * u64::from(height) > DECODED_PIXELS_MAX {
-            return Err(format!(
-                "{width}x{height} px; at most 64 Mpx and {SIDE_PX_MAX} px a side, crop or scale it down"
-            ));
-        }
-        let mut reader = decoder.read_info().map_err(|error| complaint(&error))?;
-        let size = reader.output_buffer_size().unwrap_or(usize::MAX);
-        if size as u64 > DECODED_PIXELS_MAX * 4 {
-            return Err("more than 4 bytes a pixel; save it as 8-bit gray or RGB".into());
-        }
-        // What the last picture left there is overwritten.
-        self.decoded.resize(size, 0);
-        let decoded = reader
-            .next_frame(&mut self.decoded)
-            .map_err(|error| complaint(&error))?;
-        reader.finish().map_err(|error| complaint(&error))?;
-        let whole = (decoded.width, decoded.height) == (width, height);
-        if !whole || decoded.bit_depth != BitDepth::Eight || decoded.color_type == ColorType::Indexed {
-            return Err("this kind of PNG is not supported; save it as 8-bit gray or RGB".into());
-        }
-        Ok((width, height, decoded.color_type.samples()))
     }
 }
 
@@ -217,17 +179,6 @@ fn place(row: &FrameRow, crop: &Crop, frame: &mut Frame) {
             row.pitch_rad,
         ),
     };
-}
-
-/// What the decoder says, in words that lead out of it.
-fn complaint(error: &DecodingError) -> String {
-    match error {
-        DecodingError::IoError(error) if error.kind() == ErrorKind::UnexpectedEof => {
-            "the file is cut off; copy it again from its source".into()
-        }
-        DecodingError::LimitsExceeded => "decoding takes too much memory; save it as 8-bit gray or RGB".into(),
-        _ => format!("not a sound PNG file: {error}"),
-    }
 }
 
 #[cfg(test)]

@@ -127,6 +127,39 @@ fn a_large_picture_is_cropped_and_the_wheel_stays_where_it_was() {
 }
 
 #[test]
+fn every_kind_of_jpeg_gives_the_gray_values_of_another_decoder() {
+    let (mut reader, mut frame) = (PictureReader::default(), Frame::new_box_zeroed().unwrap());
+    for picture in ["rgb", "rgb_progressive", "gray"] {
+        let file = golden(&format!("{picture}.jpg"));
+        reader.fill(&row(), &file, &mut frame).unwrap();
+        let text = String::from_utf8(golden(&format!("{picture}_jpg.csv"))).unwrap();
+        let expected: Vec<u8> = text
+            .split_whitespace()
+            .flat_map(|line| line.split(','))
+            .map(|cell| cell.parse().unwrap())
+            .collect();
+        assert_eq!((frame.width, frame.height), (33, 18), "{picture}");
+        assert_eq!(frame.check(), Ok(()), "{picture}");
+        // The standard leaves the last bits of a transform, and how colours are spread over pixels, to the decoder.
+        for (found, expected) in frame.image().iter().zip(expected) {
+            assert!(found.abs_diff(expected) <= 3, "{picture}: {found} {expected}");
+        }
+        for tenth in 0..10 {
+            let error = reader
+                .fill(&row(), &file[..file.len() * tenth / 10], &mut frame)
+                .unwrap_err();
+            let words = ["cut off", "not a sound JPEG file"];
+            assert!(words.iter().any(|words| error.contains(words)), "{picture}: {error}");
+        }
+    }
+    let mut huge = golden("gray.jpg");
+    let size = huge.windows(2).position(|marker| marker == [0xff, 0xc0]).unwrap() + 5;
+    huge[size..size + 4].copy_from_slice(&[0x27, 0x10, 0x27, 0x10]);
+    let error = reader.fill(&row(), &huge, &mut frame).unwrap_err();
+    assert!(error.contains("10000x10000 px; at most 64 Mpx"), "{error}");
+}
+
+#[test]
 fn a_picture_that_fills_a_frame_to_the_last_pixel_is_not_cropped() {
     let (mut reader, mut frame) = (PictureReader::default(), Frame::new_box_zeroed().unwrap());
     reader.fill(&row(), &gray_png(1024, 1024, checker), &mut frame).unwrap();
@@ -148,7 +181,7 @@ fn broken_files_are_refused_in_words() {
         (&whole[..8], "cut off"),
         (&whole[..33], "cut off"),
         (&whole[..whole.len() - 12], "cut off"),
-        (b"\xff\xd8\xff\xe0 a JPEG file, not a PNG file", "not a sound PNG file"),
+        (b"GIF89a, which is neither", "neither a sound PNG file nor a JPEG file"),
         (
             &huge,
             "10000x10000 px; at most 64 Mpx and 65535 px a side, crop or scale it down",
@@ -168,8 +201,17 @@ fn broken_files_are_refused_in_words() {
 #[test]
 fn no_bytes_make_it_panic_and_what_it_accepts_is_a_sound_frame() {
     let (mut reader, mut frame) = (PictureReader::default(), Frame::new_box_zeroed().unwrap());
-    let pictures =
-        ["gray8", "gray8_interlaced", "rgba16", "palette4", "gray1"].map(|name| golden(&format!("{name}.png")));
+    let pictures = [
+        "gray8.png",
+        "gray8_interlaced.png",
+        "rgba16.png",
+        "palette4.png",
+        "gray1.png",
+        "rgb.jpg",
+        "rgb_progressive.jpg",
+        "gray.jpg",
+    ]
+    .map(golden);
     let mut random = 88_172_645_463_325_252_u64;
     let mut next = || {
         // xorshift64
@@ -247,7 +289,7 @@ fn a_recorded_traverse_gives_a_frame_a_row_even_without_a_sound_picture() {
         (
             Ok(&broken[..]),
             Status::INPUT_REJECTED,
-            "ORIGIN.md: not a sound PNG file",
+            "ORIGIN.md: neither a sound PNG file nor a JPEG file",
         ),
         (
             Err("t/a.png: no such file".to_owned()),

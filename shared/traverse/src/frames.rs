@@ -30,7 +30,7 @@ pub struct FrameRow {
     pub line: u64,
     /// Number of the row, the first being 0.
     pub sequence: u64,
-    /// The PNG file, relative to the folder.
+    /// The PNG or JPEG file, relative to the folder.
     pub file: String,
     /// Instant [ns].
     pub taken_ns: u64,
@@ -82,7 +82,7 @@ impl FrameRows {
         }
         let file = table.text(0).to_owned();
         if file.is_empty() || file.starts_with('/') || file.split('/').any(|part| part == "..") || file.contains('\0') {
-            return Err(table.cell_fault(0, "must be the name of a PNG file inside this folder"));
+            return Err(table.cell_fault(0, "must be the name of a PNG or JPEG file inside this folder"));
         }
         let taken_ns = table.taken_ns(1)?;
         if self.last_ns == Some(taken_ns) {
@@ -162,7 +162,7 @@ mod tests {
         for (row, expected) in [
             (
                 "../a.png,0,1,2,3,4,0",
-                "frames.csv:2: file: \"../a.png\" must be the name of a PNG file inside this folder",
+                "frames.csv:2: file: \"../a.png\" must be the name of a PNG or JPEG file inside this folder",
             ),
             (
                 "a.png,0,abc,2,3,4,0",
