@@ -1,10 +1,8 @@
 //! Where a side's interface is, as a probability over the height at which it meets the outer circle.
 
-use crate::contrast::{Contrast, Features, TILTS};
+use crate::contrast::{Contrast, PART};
 use crate::interface::Interface;
-use crate::rows::ROWS;
 use crate::weights::{FEATURES, Weights};
-use std::ops::Range;
 
 /// Bins of the height, from the wheel's centre to its lowest point.
 pub const BINS: usize = 320;
@@ -12,8 +10,6 @@ pub const BINS: usize = 320;
 const NEAR: usize = 7;
 /// Scores this far below the best have no probability.
 const SCORE_SPAN: f32 = 12.0;
-/// Rows whose scores are worked out together.
-const PART: usize = 16;
 
 /// Bins that the two sides are compared by.
 const GROUP: usize = 4;
@@ -37,34 +33,20 @@ impl Posterior {
     #[must_use]
     #[inline(always)]
     pub fn new(contrast: &Contrast, weights: &Weights) -> Self {
-        let mut scores = [[f32::NEG_INFINITY; ROWS]; TILTS.len()];
-        let mut highest = [[f32::NEG_INFINITY; ROWS / PART]; TILTS.len()];
-        for (tilt, scores) in scores.iter_mut().enumerate() {
-            let rows = contrast.rows[tilt].clone();
-            let sums = weighted(&contrast.features[tilt], &weights.features, 0.0, rows.clone());
-            let known = &contrast.known[tilt][rows.clone()];
-            for ((score, sum), known) in scores[rows.clone()].iter_mut().zip(&sums[rows]).zip(known) {
-                *score = if *known { *sum } else { f32::NEG_INFINITY };
-            }
-            for (highest, scores) in highest[tilt].iter_mut().zip(scores.as_chunks().0) {
-                *highest = largest(scores);
-            }
-        }
+        let mut scores = contrast.scores(&weights.features);
+        let mut highest = scores.map(|parts| parts.map(|scores| largest(&scores)));
         let floor = highest.as_flattened().iter().copied().fold(f32::NEG_INFINITY, f32::max) - SCORE_SPAN;
-        for (tilt, scores) in scores.iter_mut().enumerate() {
-            for (part, scores) in scores.as_chunks_mut().0.iter_mut().enumerate() {
-                if highest[tilt][part] > floor {
-                    refine(scores, &contrast.features[tilt], part * PART, floor, weights);
-                    highest[tilt][part] = largest(scores);
+        for (tilt, (scores, highest)) in scores.iter_mut().zip(&mut highest).enumerate() {
+            for (part, (scores, highest)) in scores.iter_mut().zip(highest).enumerate() {
+                if *highest > floor {
+                    refine(scores, &contrast.features(tilt, part), floor, weights);
+                    *highest = largest(scores);
                 }
             }
         }
         let best = highest.as_flattened().iter().copied().fold(f32::NEG_INFINITY, f32::max);
         let mut mass = [0.0; BINS];
-        let parts = scores
-            .as_flattened()
-            .chunks_exact(PART)
-            .zip(contrast.heights.as_flattened().chunks_exact(PART));
+        let parts = scores.as_flattened().iter().zip(contrast.heights.as_flattened());
         for ((scores, heights), highest) in parts.zip(highest.as_flattened()) {
             if highest - best > -SCORE_SPAN {
                 for (score, height) in scores
@@ -188,18 +170,6 @@ impl Posterior {
     }
 }
 
-/// `start` plus the weighted sum of the features of some rows.
-#[inline(always)]
-fn weighted(features: &Features, weights: &[f32; FEATURES], start: f32, rows: Range<usize>) -> [f32; ROWS] {
-    let mut sums = [start; ROWS];
-    for (feature, weight) in features.iter().zip(weights) {
-        for (sum, value) in sums[rows.clone()].iter_mut().zip(&feature[rows.clone()]) {
-            *sum += weight * value;
-        }
-    }
-    sums
-}
-
 /// The largest of some scores, two halves side by side.
 #[inline(always)]
 fn largest(scores: &[f32; PART]) -> f32 {
@@ -207,20 +177,14 @@ fn largest(scores: &[f32; PART]) -> f32 {
     halves.into_iter().fold(f32::NEG_INFINITY, f32::max)
 }
 
-/// Adds the hidden layer to the scores of some rows; those at or below `floor` are no candidates.
+/// Adds the hidden layer to the scores of some lines; those at or below `floor` are no candidates.
 #[inline(always)]
-fn refine(scores: &mut [f32; PART], features: &Features, first: usize, floor: f32, weights: &Weights) {
-    let mut parts = [[0.0; PART]; FEATURES];
-    for (part, feature) in parts.iter_mut().zip(features) {
-        if let Some(values) = feature.get(first..first + PART) {
-            part.copy_from_slice(values);
-        }
-    }
+fn refine(scores: &mut [f32; PART], features: &[[f32; PART]; FEATURES], floor: f32, weights: &Weights) {
     let mut sums = [0.0; PART];
     for unit in &weights.units {
         let mut inputs = [unit.bias; PART];
-        for (part, weight) in parts.iter().zip(unit.weights) {
-            for (input, value) in inputs.iter_mut().zip(part) {
+        for (feature, weight) in features.iter().zip(unit.weights) {
+            for (input, value) in inputs.iter_mut().zip(feature) {
                 *input += weight * value;
             }
         }

@@ -1,8 +1,10 @@
 //! The wheel's outer edge: above the soil the rim ends at it, below it soil lies on either side.
 
 use crate::cells::Sums;
+use crate::contrast::{ByRow, ln};
 use crate::rim::{Rim, project};
 use crate::rows::ROWS;
+use std::ops::Range;
 
 /// Radii inside and outside the edge, in outer radii: far enough from it for a radius that is wrong by 0.5 %.
 const INSIDE: [f64; 3] = [0.955, 0.968, 0.981];
@@ -85,6 +87,36 @@ pub(crate) fn compare<const PIXELS: usize>(
         }
         *step = if all { (sum / half as f32).abs() } else { 0.0 };
     }
+}
+
+/// What few rows are taken for.
+pub(crate) struct Middling {
+    /// A step across an edge, and for how many rows it counts.
+    pub step: f32,
+    pub rows: f32,
+    /// Step below which nothing is told apart.
+    pub least: f32,
+}
+
+/// Of each row up to the end of the ring, the log of the mean step over a range of rows that begins and ends within it or after.
+#[inline(always)]
+pub(crate) fn log_means(ring: &[f32], middling: &Middling, range: impl Fn(usize) -> Range<usize>) -> ByRow {
+    let end = ring.len().min(ROWS);
+    let mut above = [0.0; ROWS + 1];
+    for (row, step) in ring[..end].iter().enumerate() {
+        above[row + 1] = above[row] + step;
+    }
+    let (mut sums, mut counts) = ([0.0_f32; 1 << u8::BITS], [0.0_f32; 1 << u8::BITS]);
+    for row in 0..=end {
+        let range = range(row);
+        let (first, last) = (range.start.min(end), range.end.min(end));
+        sums[row] = above[last] - above[first];
+        counts[row] = last.saturating_sub(first) as f32;
+    }
+    std::array::from_fn(|row| {
+        let mean = (sums[row] + middling.rows * middling.step) / (counts[row] + middling.rows);
+        ln(mean.max(0.0) + middling.least)
+    })
 }
 
 /// The mean difference below a height.
