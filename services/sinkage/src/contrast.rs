@@ -23,9 +23,11 @@ pub const PARTS: usize = ROWS / PART;
 const LINES: usize = ROWS + 2 * WIDE + PART;
 /// Rows by which a column may lie higher than a line meets it.
 const LIFT: usize = 28;
-/// Edges between the rows of all columns, each with a part of edges before and after.
-const EDGES: usize = COLUMNS * (ROWS + 2 * PART);
-const _: () = assert!(ROWS.is_multiple_of(PART) && LINES.is_multiple_of(PART));
+/// Edges before the first and after the last of a column that a window or a part reaches.
+const REACH: usize = 24;
+/// Edges of all columns.
+const EDGES: usize = COLUMNS * (ROWS + 2 * REACH);
+const _: () = assert!(ROWS.is_multiple_of(PART) && LINES.is_multiple_of(PART) && REACH >= WIDE + PART);
 /// Pixels of a column on either side of a line, below which it says nothing.
 const COLUMN_MIN: f32 = 2.5;
 /// Pixels of all columns below which a line is none.
@@ -88,8 +90,8 @@ pub struct Contrast {
     /// The features of the inner edge, by the row at which a line meets it, and that row.
     pub(crate) lips: [ByRow; 3],
     pub(crate) lip_rows: Parts<[u8; PART]>,
-    /// Whether there is such a line at all.
-    pub known: Parts<[bool; PART]>,
+    /// 1 where there is such a line at all, 0 where not.
+    pub known: Parts<Lanes>,
     /// Height at which each line meets the outer circle; NaN where it does not.
     pub heights: Parts<Lanes>,
     /// The row of a side at which each line meets it.
@@ -104,6 +106,13 @@ struct Band {
     first: usize,
     last: usize,
     place: usize,
+}
+
+impl Band {
+    /// Edges that are worked on.
+    fn room(&self) -> usize {
+        (self.last - self.first).next_multiple_of(PART)
+    }
 }
 
 impl Contrast {
@@ -123,7 +132,7 @@ impl Contrast {
             edges: [[0.0; 1 << u8::BITS]; 4],
             lips: [[0.0; 1 << u8::BITS]; 3],
             lip_rows: [[[0; PART]; PARTS]; TILTS.len()],
-            known: [[[false; PART]; PARTS]; TILTS.len()],
+            known: [[[0.0; PART]; PARTS]; TILTS.len()],
             rows: heights.each_ref().map(|heights| {
                 let heights = heights.as_flattened();
                 let within = |row: &usize| heights[*row] > HEIGHTS.0 && heights[*row] < HEIGHTS.1;
@@ -150,11 +159,12 @@ impl Contrast {
             let rows = self.rows[tilt].clone();
             self.sum_columns(slope, rows.clone());
             let strips = Strips::of(&self.lines, rim_texture, &rows);
-            self.known[tilt] = [[false; PART]; PARTS];
             for part in parts(&rows) {
                 let line = part * PART + WIDE;
                 let weights = at(&self.lines[0], line);
-                let known = from_fn(|k| rows.contains(&(part * PART + k)) & (weights[k] >= LINE_MIN));
+                let heights = &self.heights[tilt][part];
+                let within = |k: usize| (heights[k] > HEIGHTS.0) & (heights[k] < HEIGHTS.1);
+                let known = from_fn(|k| if within(k) & (weights[k] >= LINE_MIN) { 1.0 } else { 0.0 });
                 let measured = &mut self.measured[tilt][part];
                 for window in 0..WINDOWS.len() {
                     let [contrast, step] = window_features(&self.lines, &strips, window, line);
@@ -233,7 +243,7 @@ impl Contrast {
                     }
                 }
                 let known = &self.known[tilt][part];
-                scores[part] = from_fn(|k| if known[k] { sums[k] } else { f32::NEG_INFINITY });
+                scores[part] = from_fn(|k| if known[k] > 0.0 { sums[k] } else { f32::NEG_INFINITY });
             }
         }
         scores
@@ -244,43 +254,43 @@ impl Contrast {
     /// Of each column the sums above every edge, and the steps across it.
     #[inline(always)]
     fn compare_columns(&mut self, cells: &Cells) {
-        let mut place = PART;
-        // Before the first edge, for as far as a window reaches, nothing; after the last all that is above it.
-        let mut above = [[0.0; ABOVE]; 4];
+        let mut place = REACH;
         for ((rows, band), kept) in cells.cells.iter().zip(&cells.bands).zip(&mut self.bands) {
-            let size = band.len().next_multiple_of(PART);
-            let mut sums = [0.0; 4];
-            for (row, cell) in rows[band.clone()].iter().enumerate() {
-                for ((sum, value), above) in sums.iter_mut().zip(cell).zip(&mut above) {
-                    *sum += value;
-                    above[WIDE + 1 + row] = *sum;
-                }
-            }
-            for (sum, above) in sums.into_iter().zip(&mut above) {
-                above[WIDE + 1 + band.len()..].fill(sum);
-            }
-            let (terms, kept_above) = self.columns.split_at_mut(TERMS);
-            for (kept, above) in kept_above.iter_mut().zip(&above) {
-                kept[place - PART..place].fill(0.0);
-                kept[place..place + size + PART].copy_from_slice(&above[WIDE..WIDE + size + PART]);
-            }
-            for term in &mut *terms {
-                term[place - PART..place].fill(0.0);
-                term[place + size..place + size + PART].fill(0.0);
-            }
-            for edge in (0..size).step_by(PART) {
-                for (window, terms) in WINDOWS.into_iter().zip(terms.as_chunks_mut::<3>().0) {
-                    for (term, values) in terms.iter_mut().zip(compare(&above, WIDE + edge, window)) {
-                        term[place + edge..place + edge + PART].copy_from_slice(&values);
-                    }
-                }
-            }
             *kept = Band {
                 first: band.start,
                 last: band.end,
                 place,
             };
-            place += size + 2 * PART;
+            let (mut edge, mut sums) = (place, [0.0; 4]);
+            for sum in &mut self.columns[TERMS..] {
+                sum[place - REACH..=place].fill(0.0);
+            }
+            for cell in &rows[band.clone()] {
+                edge += 1;
+                for k in 0..4 {
+                    sums[k] += cell[k];
+                    self.columns[TERMS + k][edge] = sums[k];
+                }
+            }
+            for (above, sum) in self.columns[TERMS..].iter_mut().zip(sums) {
+                above[edge..place + kept.room() + REACH].fill(sum);
+            }
+            place += kept.room() + 2 * REACH;
+        }
+        let (terms, sums) = self.columns.split_at_mut(TERMS);
+        for band in &self.bands {
+            let (place, end) = (band.place, band.place + band.room());
+            for term in &mut *terms {
+                term[place - PART..place].fill(0.0);
+                term[end..end + PART].fill(0.0);
+            }
+            for edge in (place..end).step_by(PART) {
+                for (window, terms) in WINDOWS.into_iter().zip(terms.as_chunks_mut::<3>().0) {
+                    for (term, values) in terms.iter_mut().zip(compare(sums, edge, window)) {
+                        term[edge..edge + PART].copy_from_slice(&values);
+                    }
+                }
+            }
         }
     }
 
@@ -361,26 +371,34 @@ impl Contrast {
     }
 }
 
-/// Edges of one column, with those that a window reaches.
-const ABOVE: usize = ROWS + 2 * WIDE + PART + 1;
-
 /// The weight of a column at some edges, its step, and the step's square: the step is that of the mean log gray value, its
 /// weight the pixels it rests on.
 #[inline(always)]
-fn compare(above: &[[f32; ABOVE]; 4], edge: usize, window: usize) -> [Lanes; 3] {
-    let [counts, logs] = [0, 1].map(|sum| [edge - window, edge, edge + window].map(|edge| at(&above[sum], edge)));
+fn compare(above: &[[f32; EDGES]], edge: usize, window: usize) -> [Lanes; 3] {
+    let (first, last) = (edge - window, edge + window);
+    let [counts, logs, ..] = above else {
+        return [[0.0; PART]; 3];
+    };
+    let (counts_above, counts_below) = (between(counts, first, edge), between(counts, edge, last));
+    let (logs_above, logs_below) = (between(logs, first, edge), between(logs, edge, last));
     let mut terms = [[0.0; PART]; 3];
     for k in 0..PART {
-        let (above, below) = (counts[1][k] - counts[0][k], counts[2][k] - counts[1][k]);
+        let (above, below) = (counts_above[k], counts_below[k]);
         let known = (above >= COLUMN_MIN) & (below >= COLUMN_MIN);
         let (na, nb) = (above.max(1.0), below.max(1.0));
-        let step = (logs[2][k] - logs[1][k]) / nb - (logs[1][k] - logs[0][k]) / na;
+        let step = logs_below[k] / nb - logs_above[k] / na;
         let weight = if known { 2.0 * na * nb / (na + nb) } else { 0.0 };
         terms[0][k] = weight;
         terms[1][k] = weight * step;
         terms[2][k] = weight * step * step;
     }
     terms
+}
+
+/// The four sums over all above each line.
+#[inline(always)]
+fn above(lines: &Lines) -> [&[f32; LINES]; 4] {
+    [&lines[TERMS], &lines[TERMS + 1], &lines[TERMS + 2], &lines[TERMS + 3]]
 }
 
 /// The parts that these rows are in.
@@ -397,18 +415,18 @@ fn at<const LENGTH: usize>(values: &[f32; LENGTH], first: usize) -> Lanes {
     *values.first_chunk().unwrap_or(&[0.0; PART])
 }
 
-/// The values between those at `first` and those a `window` further on.
+/// What lies between two places, from sums over all that is above.
 #[inline(always)]
-fn between(line: &[f32; LINES], first: usize, window: usize) -> Lanes {
-    let (above, below) = (at(line, first), at(line, first + window));
+fn between<const LENGTH: usize>(sums: &[f32; LENGTH], first: usize, last: usize) -> Lanes {
+    let (above, below) = (at(sums, first), at(sums, last));
     from_fn(|k| below[k] - above[k])
 }
 
 /// To the values that are larger and known.
 #[inline(always)]
-fn raise(largest: &mut Lanes, values: &Lanes, known: &[bool; PART]) {
+fn raise(largest: &mut Lanes, values: &Lanes, known: &Lanes) {
     for k in 0..PART {
-        largest[k] = largest[k].max(if known[k] { values[k] } else { 0.0 });
+        largest[k] = if known[k] * values[k] > largest[k] { values[k] } else { largest[k] };
     }
 }
 
@@ -434,10 +452,11 @@ fn variance(share: f32, sum: f32, squares: f32) -> f32 {
 /// A t-like score: the mean step against its spread over the columns and the pixels' noise; and the step itself.
 #[inline(always)]
 fn window_features(lines: &Lines, strips: &Strips, window: usize, line: usize) -> [Lanes; 2] {
-    let [weights, steps, squares] = [0, 1, 2].map(|term| at(&lines[3 * window + term], line));
+    let (weights, steps) = (at(&lines[3 * window], line), at(&lines[3 * window + 1], line));
+    let squares = at(&lines[3 * window + 2], line);
     let noise = &strips.noise[window];
     let (above, below) = (at(noise, line - WINDOWS[window]), at(noise, line));
-    let [mut contrast, mut shares] = [[0.0; PART]; 2];
+    let (mut contrast, mut shares) = ([0.0; PART], [0.0; PART]);
     for k in 0..PART {
         let (weight, known) = (weights[k].max(1e-3), weights[k] + 15.0);
         // One division for two: they take longest.
@@ -469,13 +488,14 @@ impl Strips {
             texture: [0.0; LINES],
             spread: [0.0; LINES],
         };
-        let [counts, logs, squares, steps] = [0, 1, 2, 3].map(|sum| &lines[TERMS + sum]);
+        let [counts, logs, squares, steps] = above(lines);
         for part in rows.start / PART..(rows.end + WIDE).div_ceil(PART) {
             let line = part * PART;
             let (mut pixels, mut variances) = ([0.0; PART], [0.0; PART]);
             for (noise, window) in strips.noise.iter_mut().zip(WINDOWS) {
-                pixels = between(counts, line, window);
-                let (log, square) = (between(logs, line, window), between(squares, line, window));
+                pixels = between(counts, line, line + window);
+                let log = between(logs, line, line + window);
+                let square = between(squares, line, line + window);
                 let noise = &mut noise.as_chunks_mut::<PART>().0[part];
                 for k in 0..PART {
                     let share = 1.0 / pixels[k].max(1.0);
@@ -483,7 +503,7 @@ impl Strips {
                     noise[k] = CORRELATION * share * variances[k];
                 }
             }
-            let step = between(steps, line, WIDE);
+            let step = between(steps, line, line + WIDE);
             let texture = &mut strips.texture.as_chunks_mut::<PART>().0[part];
             let spread = &mut strips.spread.as_chunks_mut::<PART>().0[part];
             for k in 0..PART {
@@ -500,7 +520,7 @@ impl Strips {
     /// Soil is rougher than a rim: texture and variance next to some lines.
     #[inline(always)]
     fn features(&self, line: usize) -> [Lanes; 3] {
-        let [above, below] = [line - WIDE, line].map(|line| at(&self.spread, line));
+        let (above, below) = (at(&self.spread, line - WIDE), at(&self.spread, line));
         [
             at(&self.texture, line - WIDE),
             at(&self.texture, line),
@@ -538,7 +558,8 @@ impl Region {
     #[inline(always)]
     fn features(&self, lines: &Lines, line: usize) -> [Lanes; 5] {
         let (whole, share) = (&self.sums, self.share);
-        let [counts, logs, squares, steps] = [0, 1, 2, 3].map(|sum| at(&lines[TERMS + sum], line));
+        let [counts, logs, squares, steps] = above(lines);
+        let (counts, logs, squares, steps) = (at(counts, line), at(logs, line), at(squares, line), at(steps, line));
         let mut features = [[0.0; PART]; 5];
         let [likelihood, ratio, between, normal, roughness] = &mut features;
         for k in 0..PART {

@@ -1,6 +1,6 @@
 //! Where a side's interface is, as a probability over the height at which it meets the outer circle.
 
-use crate::contrast::{Contrast, PART};
+use crate::contrast::{Contrast, PART, PARTS, TILTS};
 use crate::interface::Interface;
 use crate::weights::{FEATURES, Weights};
 
@@ -34,7 +34,10 @@ impl Posterior {
     #[inline(always)]
     pub fn new(contrast: &Contrast, weights: &Weights) -> Self {
         let mut scores = contrast.scores(&weights.features);
-        let mut highest = scores.map(|parts| parts.map(|scores| largest(&scores)));
+        let mut highest = [[0.0; PARTS]; TILTS.len()];
+        for (highest, scores) in highest.as_flattened_mut().iter_mut().zip(scores.as_flattened()) {
+            *highest = largest(scores);
+        }
         let floor = highest.as_flattened().iter().copied().fold(f32::NEG_INFINITY, f32::max) - SCORE_SPAN;
         for (tilt, (scores, highest)) in scores.iter_mut().zip(&mut highest).enumerate() {
             for (part, (scores, highest)) in scores.iter_mut().zip(highest).enumerate() {

@@ -113,10 +113,11 @@ pub(crate) fn log_means(ring: &[f32], middling: &Middling, range: impl Fn(usize)
         sums[row] = above[last] - above[first];
         counts[row] = last.saturating_sub(first) as f32;
     }
-    std::array::from_fn(|row| {
-        let mean = (sums[row] + middling.rows * middling.step) / (counts[row] + middling.rows);
-        ln(mean.max(0.0) + middling.least)
-    })
+    for (sum, count) in sums.iter_mut().zip(counts) {
+        let mean = (*sum + middling.rows * middling.step) / (count + middling.rows);
+        *sum = ln(mean.max(0.0) + middling.least);
+    }
+    sums
 }
 
 /// The mean difference below a height.
