@@ -52,8 +52,9 @@ impl Cells {
     #[must_use]
     pub fn pixels(&self) -> f32 {
         let columns = self.cells.iter().zip(&self.bands);
-        let cells = columns.flat_map(|(rows, band)| &rows[band.clone()]);
-        cells.map(|cell| cell[0]).sum()
+        // Whole numbers, of which single precision loses nothing: the columns side by side.
+        let of_column = |(rows, band): (&[Sums; ROWS], &Range<usize>)| -> f32 { rows[band.clone()].iter().map(|cell| cell[0]).sum() };
+        columns.map(of_column).sum()
     }
 
     /// Without pixels, but the rows that may get some.

@@ -1,6 +1,6 @@
 //! The wheel-terrain interface as the line, a row or slightly tilted, across which the rim's cells differ most consistently.
 
-use crate::cells::{COLUMNS, Cells};
+use crate::cells::{COLUMNS, Cells, Sums};
 use crate::ring::{Middling, Ring, log_means};
 use crate::rows::ROWS;
 use crate::weights::{FEATURES, Feature};
@@ -21,7 +21,7 @@ pub const PART: usize = 8;
 pub const PARTS: usize = ROWS / PART;
 /// Lines of a tilt, with those that a window beyond the first and last row needs. Line `l` is that of row `l - WIDE`.
 const LINES: usize = ROWS + 2 * WIDE + PART;
-/// Rows by which a column may lie higher than a line meets it.
+/// Rows by which a line crosses a column higher than its row says, at the most.
 const LIFT: usize = 28;
 /// Edges before the first and after the last of a column that a window or a part reaches.
 const REACH: usize = 24;
@@ -77,6 +77,8 @@ pub struct Contrast {
     /// Of each column and edge, the terms, and the sums over all rows above. Only edges between pixels are kept.
     columns: [[f32; EDGES]; SUMS],
     bands: [Band; COLUMNS],
+    /// By how many edges, less [`LIFT`], each column is crossed lower than the row of a tilt's line says.
+    lifts: [[usize; COLUMNS]; TILTS.len()],
     /// Sums of those over the columns along each line of one tilt.
     lines: Lines,
     /// The features that are measured along each line.
@@ -106,6 +108,8 @@ struct Band {
     first: usize,
     last: usize,
     place: usize,
+    /// Sums over the whole column.
+    whole: Sums,
 }
 
 impl Band {
@@ -125,6 +129,7 @@ impl Contrast {
         Box::new(Self {
             columns: [[0.0; EDGES]; SUMS],
             bands: [Band::default(); COLUMNS],
+            lifts: TILTS.map(|tilt| from_fn(|column| lift(column, tilt))),
             lines: [[0.0; LINES]; SUMS],
             measured: [[[[0.0; PART]; MEASURED]; PARTS]; TILTS.len()],
             shares: [0.0; WINDOWS.len()],
@@ -155,9 +160,9 @@ impl Contrast {
         let rim_texture = ln(rim[3] / rim[0].max(1.0) + TEXTURE_MIN);
         let mut largest = [[1e-3; PART]; WINDOWS.len()];
         let mut best = [[0.0; PART]; PARTS];
-        for (tilt, slope) in TILTS.into_iter().enumerate() {
+        for tilt in 0..TILTS.len() {
             let rows = self.rows[tilt].clone();
-            self.sum_columns(slope, rows.clone());
+            self.sum_columns(tilt, &rows);
             let strips = Strips::of(&self.lines, rim_texture, &rows);
             for part in parts(&rows) {
                 let line = part * PART + WIDE;
@@ -256,24 +261,24 @@ impl Contrast {
     fn compare_columns(&mut self, cells: &Cells) {
         let mut place = REACH;
         for ((rows, band), kept) in cells.cells.iter().zip(&cells.bands).zip(&mut self.bands) {
+            for above in &mut self.columns[TERMS..] {
+                above[place - REACH..=place].fill(0.0);
+            }
+            let mut whole = [0.0; 4];
+            for (cell, edge) in rows[band.clone()].iter().zip(place + 1..) {
+                for k in 0..4 {
+                    whole[k] += cell[k];
+                    self.columns[TERMS + k][edge] = whole[k];
+                }
+            }
             *kept = Band {
                 first: band.start,
                 last: band.end,
                 place,
+                whole,
             };
-            let (mut edge, mut sums) = (place, [0.0; 4]);
-            for sum in &mut self.columns[TERMS..] {
-                sum[place - REACH..=place].fill(0.0);
-            }
-            for cell in &rows[band.clone()] {
-                edge += 1;
-                for k in 0..4 {
-                    sums[k] += cell[k];
-                    self.columns[TERMS + k][edge] = sums[k];
-                }
-            }
-            for (above, sum) in self.columns[TERMS..].iter_mut().zip(sums) {
-                above[edge..place + kept.room() + REACH].fill(sum);
+            for (above, sum) in self.columns[TERMS..].iter_mut().zip(whole) {
+                above[place + band.len()..place + kept.room() + REACH].fill(sum);
             }
             place += kept.room() + 2 * REACH;
         }
@@ -296,24 +301,21 @@ impl Contrast {
 
     /// Sums over the columns along those lines of one tilt that a window about one of these rows needs.
     #[inline(always)]
-    fn sum_columns(&mut self, tilt: f32, rows: Range<usize>) {
+    fn sum_columns(&mut self, tilt: usize, rows: &Range<usize>) {
         let needed = rows.start / PART..(rows.end + 2 * WIDE).div_ceil(PART);
         let mut places = [0; COLUMNS];
         let (mut from, mut to) = ([0_u8; COLUMNS], [0_u8; COLUMNS]);
         // Sums of the columns that end before a part: they lie above all further lines.
         let mut ended = [[0.0; 4]; LINES / PART + 1];
-        for (column, band) in self.bands.iter().enumerate() {
-            let outwards = (column as f32 + 0.5) / COLUMNS as f32 - PIVOT;
+        for (column, (band, lift)) in self.bands.iter().zip(self.lifts[tilt]).enumerate() {
             // Line l is edge l + lift - (WIDE + LIFT) of this column.
-            let lift = (LIFT as f32 + tilt * outwards * ROWS as f32 + 0.5) as usize;
             let line = |edge: usize| (edge + WIDE + LIFT).saturating_sub(lift);
             from[column] = (line(band.first) / PART).clamp(needed.start, needed.end) as u8;
             to[column] = line(band.last).div_ceil(PART).clamp(needed.start, needed.end) as u8;
             // The place of line 0: of the lines that the column meets it is never negative.
             places[column] = (band.place + lift).wrapping_sub(band.first + WIDE + LIFT);
-            let last = band.place + band.last - band.first;
-            for (ended, sums) in ended[usize::from(to[column])].iter_mut().zip(&self.columns[TERMS..]) {
-                *ended += sums[last];
+            for (ended, sum) in ended[usize::from(to[column])].iter_mut().zip(band.whole) {
+                *ended += sum;
             }
         }
         let mut beyond = [0.0; 4];
@@ -610,6 +612,12 @@ fn shallow(height: f32) -> f32 {
 #[inline(always)]
 fn deep(height: f32) -> f32 {
     (0.65 - height).max(0.0)
+}
+
+/// Edges, and [`LIFT`], by which a line crosses a column lower than its row says.
+fn lift(column: usize, tilt: f32) -> usize {
+    let outwards = (column as f32 + 0.5) / COLUMNS as f32 - PIVOT;
+    (LIFT as f32 + tilt * outwards * ROWS as f32 + 0.5) as usize
 }
 
 /// Height at which the line through the pivot at this row meets the outer circle; NaN where it does not.
