@@ -18,9 +18,6 @@ const DARK_PIXEL: f32 = 16.0;
 const MIDDLE: f32 = 4.0;
 /// Distance of the pixels whose ratio is the texture: neighbours are blurred into each other.
 const APART: usize = 2;
-/// The last of the four [`Sums`], and the others.
-const LAST: Sums = [0.0, 0.0, 0.0, 1.0];
-const OTHERS: Sums = [1.0, 1.0, 1.0, 0.0];
 /// Pixels whose cells are worked out together.
 const BLOCK: usize = 32;
 /// Pixels of a span at most, and spans at most: 0.75 of one side of the largest wheel that a frame holds has fewer.
@@ -237,22 +234,23 @@ impl Lookup {
             ) else {
                 continue;
             };
-            let texture = |gray: u8| -> Sums { std::array::from_fn(|k| LAST[k] * table[usize::from(gray)][k]) };
-            let [mut two_before, mut before] = [texture(*two_before), texture(*before)];
+            let of_pixel = |gray: u8| table[usize::from(gray)][3];
+            let (mut two_before, mut before) = (of_pixel(*two_before), of_pixel(*before));
             for run in mine {
                 let Some((here, others)) = pixels.split_at_checked(usize::from(run.length)) else {
                     break;
                 };
                 pixels = others;
-                let mut sums = [0.0; 4];
+                let (mut logs, mut squares, mut textures) = (0.0, 0.0, 0.0);
                 for gray in here {
-                    let (terms, last) = (table[usize::from(*gray)], texture(*gray));
-                    for k in 0..4 {
-                        // The last is squared, after that of the other pixel is taken off: in all four alike, as one vector.
-                        sums[k] += (terms[k] - two_before[k]) * (OTHERS[k] + (last[k] - two_before[k]));
-                    }
-                    (two_before, before) = (before, last);
+                    let [_, log, square, texture] = table[usize::from(*gray)];
+                    let step = texture - two_before;
+                    logs += log;
+                    squares += square;
+                    textures += step * step;
+                    (two_before, before) = (before, texture);
                 }
+                let sums = [f32::from(run.length), logs, squares, textures];
                 let cell = usize::from(run.cell);
                 let cell = if cell < CELLS {
                     left.get_mut(cell)
