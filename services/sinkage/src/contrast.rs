@@ -359,9 +359,14 @@ impl Contrast {
 
     /// What a line's features are among those of the other lines.
     #[inline(always)]
-    fn relate(&mut self, largest: &[Lanes; WINDOWS.len()], best: &[f32]) -> f32 {
-        let largest = largest.map(|lanes| lanes.into_iter().fold(0.0, f32::max));
-        self.shares = largest.map(f32::recip);
+    fn relate(&mut self, steps: &[Lanes; WINDOWS.len()], best: &[f32]) -> f32 {
+        let mut largest = [0.0; WINDOWS.len()];
+        for (largest, steps) in largest.iter_mut().zip(steps) {
+            *largest = steps.iter().copied().fold(0.0, f32::max);
+        }
+        for (share, largest) in self.shares.iter_mut().zip(largest) {
+            *share = 1.0 / largest;
+        }
         let [above, below] = self.best.each_mut().map(|best| best.as_flattened_mut());
         for row in FIRST + SAME..ROWS {
             above[row] = above[row - 1].max(best[row - SAME]);
@@ -428,7 +433,8 @@ fn between<const LENGTH: usize>(sums: &[f32; LENGTH], first: usize, last: usize)
 #[inline(always)]
 fn raise(largest: &mut Lanes, values: &Lanes, known: &Lanes) {
     for k in 0..PART {
-        largest[k] = if known[k] * values[k] > largest[k] { values[k] } else { largest[k] };
+        let value = known[k] * values[k];
+        largest[k] = if value > largest[k] { value } else { largest[k] };
     }
 }
 
