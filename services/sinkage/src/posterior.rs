@@ -78,7 +78,14 @@ impl Posterior {
     /// Makes the probabilities sum up to 1.
     #[inline(always)]
     pub fn normalize(&mut self) {
-        let total: f32 = self.mass.iter().sum();
+        // Several sums side by side, whatever the processor.
+        let mut sums = [0.0; PART];
+        for masses in self.mass.as_chunks::<PART>().0 {
+            for (sum, mass) in sums.iter_mut().zip(masses) {
+                *sum += mass;
+            }
+        }
+        let total: f32 = sums.iter().sum();
         if total > 0.0 {
             let scale = 1.0 / total;
             for mass in &mut self.mass {
