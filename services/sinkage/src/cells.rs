@@ -50,7 +50,9 @@ impl Cells {
     pub fn pixels(&self) -> f32 {
         let columns = self.cells.iter().zip(&self.bands);
         // Whole numbers, of which single precision loses nothing: the columns side by side.
-        let of_column = |(rows, band): (&[Sums; ROWS], &Range<usize>)| -> f32 { rows[band.clone()].iter().map(|cell| cell[0]).sum() };
+        let of_column = |(rows, band): (&[Sums; ROWS], &Range<usize>)| -> f32 {
+            rows[band.clone()].iter().map(|cell| cell[0]).sum()
+        };
         columns.map(of_column).sum()
     }
 

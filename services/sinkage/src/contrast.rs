@@ -222,8 +222,13 @@ impl Contrast {
     #[inline(always)]
     pub fn scores(&self, weights: &[f32; FEATURES]) -> Parts<Lanes> {
         let weight = |feature: Feature| weights[feature as usize];
-        let mut of_measured: [f32; MEASURED] =
-            from_fn(|k| weights[if k < 2 * WINDOWS.len() { k } else { TEXTURES + k - 2 * WINDOWS.len() }]);
+        let mut of_measured: [f32; MEASURED] = from_fn(|k| {
+            weights[if k < 2 * WINDOWS.len() {
+                k
+            } else {
+                TEXTURES + k - 2 * WINDOWS.len()
+            }]
+        });
         for (window, share) in self.shares.into_iter().enumerate() {
             of_measured[2 * window + 1] *= share;
         }
@@ -239,7 +244,8 @@ impl Contrast {
                 let mut sums: Lanes = from_fn(|k| of_edge[usize::from(edges[k])] + of_lip[usize::from(lips[k])]);
                 let heights = &self.heights[tilt][part];
                 for k in 0..PART {
-                    let prior = weight(Feature::Shallow) * shallow(heights[k]) + weight(Feature::Deep) * deep(heights[k]);
+                    let prior =
+                        weight(Feature::Shallow) * shallow(heights[k]) + weight(Feature::Deep) * deep(heights[k]);
                     sums[k] += of_tilt + prior + above * self.best[0][part][k] + below * self.best[1][part][k];
                 }
                 for (values, weight) in self.measured[tilt][part].iter().zip(of_measured) {
