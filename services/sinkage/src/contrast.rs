@@ -81,6 +81,7 @@ pub struct Contrast {
     lifts: [[usize; COLUMNS]; TILTS.len()],
     /// Sums of those over the columns along each line of one tilt.
     lines: Lines,
+    strips: Strips,
     /// The features that are measured along each line.
     measured: Parts<[Lanes; MEASURED]>,
     /// What makes a share of a step, by window.
@@ -131,6 +132,11 @@ impl Contrast {
             bands: [Band::default(); COLUMNS],
             lifts: TILTS.map(|tilt| from_fn(|column| lift(column, tilt))),
             lines: [[0.0; LINES]; SUMS],
+            strips: Strips {
+                noise: [[0.0; LINES]; WINDOWS.len()],
+                texture: [0.0; LINES],
+                spread: [0.0; LINES],
+            },
             measured: [[[[0.0; PART]; MEASURED]; PARTS]; TILTS.len()],
             shares: [0.0; WINDOWS.len()],
             best: [[[0.0; PART]; PARTS]; 2],
@@ -163,7 +169,7 @@ impl Contrast {
         for tilt in 0..TILTS.len() {
             let rows = self.rows[tilt].clone();
             self.sum_columns(tilt, &rows);
-            let strips = Strips::of(&self.lines, rim_texture, &rows);
+            self.strips.fill(&self.lines, rim_texture, &rows);
             for part in parts(&rows) {
                 let line = part * PART + WIDE;
                 let weights = at(&self.lines[0], line);
@@ -172,7 +178,7 @@ impl Contrast {
                 let known = from_fn(|k| if within(k) & (weights[k] >= LINE_MIN) { 1.0 } else { 0.0 });
                 let measured = &mut self.measured[tilt][part];
                 for window in 0..WINDOWS.len() {
-                    let [contrast, step] = window_features(&self.lines, &strips, window, line);
+                    let [contrast, step] = window_features(&self.lines, &self.strips, window, line);
                     raise(&mut largest[window], &step, &known);
                     if 2 * window == Feature::MiddleContrast as usize {
                         raise(&mut best[part], &contrast, &known);
@@ -180,7 +186,7 @@ impl Contrast {
                     (measured[2 * window], measured[2 * window + 1]) = (contrast, step);
                 }
                 let textures = &mut measured[TERMS - WINDOWS.len()..];
-                for (texture, value) in textures.iter_mut().zip(strips.features(line)) {
+                for (texture, value) in textures.iter_mut().zip(self.strips.features(line)) {
                     *texture = value;
                 }
                 for (texture, value) in textures[3..].iter_mut().zip(region.features(&self.lines, line)) {
@@ -485,6 +491,7 @@ fn window_features(lines: &Lines, strips: &Strips, window: usize, line: usize) -
 }
 
 /// Of the pixels between each line and the one a window further down.
+#[derive(Clone, Debug)]
 struct Strips {
     /// The noise of their mean, by window.
     noise: [[f32; LINES]; WINDOWS.len()],
@@ -496,17 +503,12 @@ struct Strips {
 impl Strips {
     /// From the widest window above the first of some rows to the one below the last.
     #[inline(always)]
-    fn of(lines: &Lines, rim_texture: f32, rows: &Range<usize>) -> Self {
-        let mut strips = Self {
-            noise: [[0.0; LINES]; WINDOWS.len()],
-            texture: [0.0; LINES],
-            spread: [0.0; LINES],
-        };
+    fn fill(&mut self, lines: &Lines, rim_texture: f32, rows: &Range<usize>) {
         let [counts, logs, squares, steps] = above(lines);
         for part in rows.start / PART..(rows.end + WIDE).div_ceil(PART) {
             let line = part * PART;
             let (mut pixels, mut variances) = ([0.0; PART], [0.0; PART]);
-            for (noise, window) in strips.noise.iter_mut().zip(WINDOWS) {
+            for (noise, window) in self.noise.iter_mut().zip(WINDOWS) {
                 pixels = between(counts, line, line + window);
                 let log = between(logs, line, line + window);
                 let square = between(squares, line, line + window);
@@ -518,8 +520,8 @@ impl Strips {
                 }
             }
             let step = between(steps, line, line + WIDE);
-            let texture = &mut strips.texture.as_chunks_mut::<PART>().0[part];
-            let spread = &mut strips.spread.as_chunks_mut::<PART>().0[part];
+            let texture = &mut self.texture.as_chunks_mut::<PART>().0[part];
+            let spread = &mut self.spread.as_chunks_mut::<PART>().0[part];
             for k in 0..PART {
                 let (one, known) = (pixels[k].max(1.0), pixels[k] + 40.0);
                 let inverse = 1.0 / (one * known);
@@ -528,7 +530,6 @@ impl Strips {
                 spread[k] = known * ln(variances[k] + VARIANCE_MIN);
             }
         }
-        strips
     }
 
     /// Soil is rougher than a rim: texture and variance next to some lines.

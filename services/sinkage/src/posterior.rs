@@ -94,36 +94,14 @@ impl Posterior {
         }
     }
 
-    /// What either side says of the other: soil lies about level, so that its heights differ by [`LEVEL`].
+    /// Probability of each group of bins.
     #[inline(always)]
-    pub fn couple(left: &mut Self, right: &mut Self) {
-        let sides = [left, right];
-        let coarse = sides.each_ref().map(|side| {
-            let mut groups = [0.0; GROUPS];
-            for (bin, mass) in side.mass.iter().enumerate() {
-                groups[bin / GROUP] += mass;
-            }
-            groups
-        });
-        // Of a group for the one so many before or after it.
-        let likelihood: [f32; 2 * GROUPS - 1] = std::array::from_fn(|k| {
-            let apart = (k.abs_diff(GROUPS - 1) * GROUP) as f32 / BINS as f32 / LEVEL;
-            (-(0.5 * apart * apart).min(LEVEL_COST_MAX)).exp()
-        });
-        for (side, other) in sides.into_iter().zip([coarse[1], coarse[0]]) {
-            let mut messages = [0.0; GROUPS];
-            for (group, mass) in other.into_iter().enumerate().filter(|(_, mass)| *mass > 0.0) {
-                for (message, likelihood) in messages.iter_mut().zip(&likelihood[GROUPS - 1 - group..]) {
-                    *message += mass * likelihood;
-                }
-            }
-            for (masses, message) in side.mass.chunks_exact_mut(GROUP).zip(messages) {
-                for mass in masses {
-                    *mass *= message;
-                }
-            }
-            side.normalize();
+    fn groups(&self) -> [f32; GROUPS] {
+        let mut groups = [0.0; GROUPS];
+        for (group, masses) in groups.iter_mut().zip(self.mass.as_chunks::<GROUP>().0) {
+            *group = masses.iter().sum();
         }
+        groups
     }
 
     /// The same with one picture's worth of evidence: the pictures of one scene err alike.
@@ -177,6 +155,52 @@ impl Posterior {
             sigma: f64::from(weights.sigma).hypot(f64::from(variance).sqrt()),
             confidence: f64::from(confidence.min(1.0)),
         })
+    }
+}
+
+/// What either side says of the other: soil lies about level, so that its heights differ by [`LEVEL`].
+#[derive(Clone, Debug)]
+pub struct Coupling {
+    /// Likelihood of a group for the one so many before or after it.
+    likelihood: [f32; 2 * GROUPS - 1],
+}
+
+impl Coupling {
+    /// Prepares the likelihoods.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            likelihood: std::array::from_fn(|k| {
+                let apart = (k.abs_diff(GROUPS - 1) * GROUP) as f32 / BINS as f32 / LEVEL;
+                (-(0.5 * apart * apart).min(LEVEL_COST_MAX)).exp()
+            }),
+        }
+    }
+
+    /// Weighs each side by what the other one lets expect.
+    #[inline(always)]
+    pub fn couple(&self, left: &mut Posterior, right: &mut Posterior) {
+        let (left_groups, right_groups) = (left.groups(), right.groups());
+        for (side, other) in [(left, right_groups), (right, left_groups)] {
+            let mut messages = [0.0; GROUPS];
+            for (group, mass) in other.into_iter().enumerate().filter(|(_, mass)| *mass > 0.0) {
+                for (message, likelihood) in messages.iter_mut().zip(&self.likelihood[GROUPS - 1 - group..]) {
+                    *message += mass * likelihood;
+                }
+            }
+            for (masses, message) in side.mass.chunks_exact_mut(GROUP).zip(messages) {
+                for mass in masses {
+                    *mass *= message;
+                }
+            }
+            side.normalize();
+        }
+    }
+}
+
+impl Default for Coupling {
+    fn default() -> Self {
+        Self::new()
     }
 }
 
