@@ -3,7 +3,6 @@
 use crate::rim::Rim;
 use crate::rows::ROWS;
 use messages::PIXELS_MAX;
-use std::hint::black_box;
 use std::ops::Range;
 
 /// Columns from the middle of the wheel to its outermost point.
@@ -25,6 +24,8 @@ const SPAN: usize = 8 * BLOCK;
 const SPANS: usize = 1 << 13;
 /// Pixels that come from memory at once.
 const CACHE_LINE: usize = 64;
+/// Parts of a picture that a rim needs at most.
+pub(crate) const PARTS_MAX: usize = SPANS * (SPAN / CACHE_LINE + 1);
 
 /// Pixels of a cell; the sums of their log gray values, of their squares, and of the squared differences of pixels side by side.
 pub type Sums = [f32; 4];
@@ -98,8 +99,6 @@ pub struct Lookup {
     spans: Vec<Span>,
     /// Of all spans, one after the other.
     runs: Vec<Run>,
-    /// A pixel of each part of the picture that is needed.
-    parts: Vec<u32>,
     /// The rows of each column that have pixels, on either side.
     bands: [[Range<usize>; COLUMNS]; 2],
 }
@@ -111,7 +110,6 @@ impl Lookup {
         Self {
             spans: Vec::with_capacity(SPANS),
             runs: Vec::with_capacity(PIXELS_MAX),
-            parts: Vec::with_capacity(SPANS * (SPAN / CACHE_LINE + 1)),
             bands: [Cells::EMPTY.bands, Cells::EMPTY.bands],
         }
     }
@@ -121,7 +119,6 @@ impl Lookup {
     pub fn prepare(&mut self, rim: &Rim, width: usize) {
         self.spans.clear();
         self.runs.clear();
-        self.parts.clear();
         for row in rim.rows.clone() {
             for columns in spans(rim, row) {
                 for first in columns.clone().step_by(SPAN) {
@@ -131,12 +128,8 @@ impl Lookup {
                         for first in (first..last).step_by(BLOCK) {
                             self.add(first..last.min(first + BLOCK), before, row, rim);
                         }
-                        let pixel = (row * width) as u32;
-                        for column in (first..last).step_by(CACHE_LINE).chain([last - 1]) {
-                            self.parts.push(pixel + column as u32);
-                        }
                         self.spans.push(Span {
-                            first: pixel + first as u32,
+                            first: (row * width + first) as u32,
                             length: (last - first) as u16,
                             runs: (self.runs.len() - before) as u16,
                             begins: first == columns.start,
@@ -203,14 +196,13 @@ impl Lookup {
         }
     }
 
-    /// Reads a pixel of each part of the picture that will be needed, without waiting for any: they arrive side by side.
+    /// A pixel of each part of the picture that is needed.
     #[inline(always)]
-    pub fn call_up(&self, image: &[u8]) {
-        let mut sum = 0_u8;
-        for pixel in &self.parts {
-            sum ^= image.get(*pixel as usize).unwrap_or(&0);
-        }
-        black_box(sum);
+    pub fn parts(&self) -> impl Iterator<Item = u32> {
+        self.spans.iter().flat_map(|span| {
+            let end = span.first + u32::from(span.length);
+            (span.first..end).step_by(CACHE_LINE).chain([end - 1])
+        })
     }
 
     /// Sums the picture's cells: `[left, right]`.

@@ -45,6 +45,11 @@ impl RingLookup {
         }
     }
 
+    /// The outermost pixel of each row.
+    pub(crate) fn outermost(&self) -> impl Iterator<Item = u32> {
+        self.pixels.as_flattened().iter().map(|pixels| pixels[2 * RADII - 1])
+    }
+
     /// The differences of both sides, left first; 0 where a pixel lies outside of the picture.
     #[inline(always)]
     pub fn measure(&self, image: &[u8], table: &[Sums; 256], rings: &mut [Ring; 2]) {
