@@ -1,35 +1,16 @@
 //! The wheel-terrain interface as the line, a row or slightly tilted, across which the rim's cells differ most consistently.
 
-use crate::cells::{COLUMNS, Cells, Sums};
+use crate::cells::Cells;
+use crate::lines::{
+    Columns, LINES, Lanes, Lines, PART, PARTS, Parts, SUMS, TERMS, TILTS, WIDE, WINDOWS, at, between, meets_circle,
+    parts,
+};
 use crate::ring::{Middling, Ring, log_means};
 use crate::rows::ROWS;
 use crate::weights::{FEATURES, Feature};
 use std::array::from_fn;
 use std::ops::Range;
 
-/// Slopes of the lines: rows of height per distance outwards.
-pub const TILTS: [f32; 9] = [-0.30, -0.20, -0.12, -0.055, 0.0, 0.055, 0.12, 0.20, 0.30];
-/// Distance from the middle at which all lines of a row meet, in outer radii.
-const PIVOT: f32 = 0.45;
-/// Rows above and below a line that are compared: of the narrow, the middle and the wide window.
-const WINDOWS: [usize; 3] = [3, 6, 12];
-/// Rows above and below a line whose texture is compared.
-const WIDE: usize = WINDOWS[2];
-/// Rows that are worked on together: those of a part of a tilt's lines.
-pub const PART: usize = 8;
-/// Parts of a tilt.
-pub const PARTS: usize = ROWS / PART;
-/// Lines of a tilt, with those that a window beyond the first and last row needs. Line `l` is that of row `l - WIDE`.
-const LINES: usize = ROWS + 2 * WIDE + PART;
-/// Rows by which a line crosses a column higher than its row says, at the most.
-const LIFT: usize = 28;
-/// Edges before the first and after the last of a column that a window or a part reaches.
-const REACH: usize = 24;
-/// Edges of all columns.
-const EDGES: usize = COLUMNS * (ROWS + 2 * REACH);
-const _: () = assert!(ROWS.is_multiple_of(PART) && LINES.is_multiple_of(PART) && REACH >= WIDE + PART);
-/// Pixels of a column on either side of a line, below which it says nothing.
-const COLUMN_MIN: f32 = 2.5;
 /// Pixels of all columns below which a line is none.
 const LINE_MIN: f32 = 6.0;
 /// Heights between which a line may meet the outer circle.
@@ -54,32 +35,20 @@ pub const FIRST: usize = 16;
 /// Rows above a line that still belong to it.
 const SAME: usize = 10;
 
-/// Of each window the weight of a column, its step, and the step's square.
-const TERMS: usize = 3 * WINDOWS.len();
-/// Those, and the four sums of the cells over all that lies above.
-const SUMS: usize = TERMS + 4;
-/// Features that are measured anew along every line.
-const MEASURED: usize = 14;
-/// The other measured ones, of the pixels next to the line and of all on either side of it, begin with this.
+/// Features of the windows, and all that are measured anew along every line.
+const STEPS: usize = 2 * WINDOWS.len();
+const MEASURED: usize = STEPS + 8;
+/// The measured ones that are not of the windows: their first.
 const TEXTURES: usize = Feature::RimTexture as usize;
 
-type Lines = [[f32; LINES]; SUMS];
-/// Of some lines side by side.
-type Lanes = [f32; PART];
-/// Of each part of each tilt.
-pub type Parts<T> = [[T; PARTS]; TILTS.len()];
 /// Of each row; longer, so that any byte is an index.
 pub(crate) type ByRow = [f32; 1 << u8::BITS];
 
 /// The features of one side's lines, each kept only for what it differs by; and the work space for them.
 #[derive(Clone, Debug)]
 pub struct Contrast {
-    /// Of each column and edge, the terms, and the sums over all rows above. Only edges between pixels are kept.
-    columns: [[f32; EDGES]; SUMS],
-    bands: [Band; COLUMNS],
-    /// By how many edges, less [`LIFT`], each column is crossed lower than the row of a tilt's line says.
-    lifts: [[usize; COLUMNS]; TILTS.len()],
-    /// Sums of those over the columns along each line of one tilt.
+    columns: Columns,
+    /// Sums over the columns along each line of one tilt.
     lines: Lines,
     strips: Strips,
     /// The features that are measured along each line.
@@ -103,23 +72,6 @@ pub struct Contrast {
     rows: [Range<usize>; TILTS.len()],
 }
 
-/// Where the edges of a column are kept: the first and the last one between pixels, and the place of the first.
-#[derive(Clone, Copy, Debug, Default)]
-struct Band {
-    first: usize,
-    last: usize,
-    place: usize,
-    /// Sums over the whole column.
-    whole: Sums,
-}
-
-impl Band {
-    /// Edges that are worked on.
-    fn room(&self) -> usize {
-        (self.last - self.first).next_multiple_of(PART)
-    }
-}
-
 impl Contrast {
     /// Prepares the work space.
     #[must_use]
@@ -128,9 +80,7 @@ impl Contrast {
             TILTS.map(|tilt| from_fn(|part| from_fn(|lane| meets_circle(part * PART + lane, tilt))));
         let row = |height: f32| ((height * ROWS as f32) as u8).min(ROWS as u8 - 1);
         Box::new(Self {
-            columns: [[0.0; EDGES]; SUMS],
-            bands: [Band::default(); COLUMNS],
-            lifts: TILTS.map(|tilt| from_fn(|column| lift(column, tilt))),
+            columns: Columns::new(),
             lines: [[0.0; LINES]; SUMS],
             strips: Strips {
                 noise: [[0.0; LINES]; WINDOWS.len()],
@@ -158,17 +108,17 @@ impl Contrast {
     /// Measures the features of every line. The largest step of the middle window, as a log ratio, is the side's contrast.
     #[inline(always)]
     pub fn measure(&mut self, cells: &Cells, ring: &Ring) -> f32 {
-        self.compare_columns(cells);
+        self.columns.compare(cells);
         self.edges = edge_features(ring);
-        let whole = self.above(usize::MAX);
-        let rim = self.above(FREE);
+        let whole = self.columns.above(usize::MAX);
+        let rim = self.columns.above(FREE);
         let region = Region::of(whole);
         let rim_texture = ln(rim[3] / rim[0].max(1.0) + TEXTURE_MIN);
         let mut largest = [[1e-3; PART]; WINDOWS.len()];
         let mut best = [[0.0; PART]; PARTS];
         for tilt in 0..TILTS.len() {
             let rows = self.rows[tilt].clone();
-            self.sum_columns(tilt, &rows);
+            self.columns.sum_along(tilt, &rows, &mut self.lines);
             self.strips.fill(&self.lines, rim_texture, &rows);
             for part in parts(&rows) {
                 let line = part * PART + WIDE;
@@ -185,7 +135,7 @@ impl Contrast {
                     }
                     (measured[2 * window], measured[2 * window + 1]) = (contrast, step);
                 }
-                let textures = &mut measured[TERMS - WINDOWS.len()..];
+                let textures = &mut measured[STEPS..];
                 for (texture, value) in textures.iter_mut().zip(self.strips.features(line)) {
                     *texture = value;
                 }
@@ -203,7 +153,7 @@ impl Contrast {
     #[inline(always)]
     pub fn features(&self, tilt: usize, part: usize) -> [Lanes; FEATURES] {
         let mut features = [[0.0; PART]; FEATURES];
-        let (windows, textures) = self.measured[tilt][part].split_at(2 * WINDOWS.len());
+        let (windows, textures) = self.measured[tilt][part].split_at(STEPS);
         features[..windows.len()].copy_from_slice(windows);
         for (window, share) in self.shares.into_iter().enumerate() {
             features[2 * window + 1] = windows[2 * window + 1].map(|step| step * share);
@@ -228,13 +178,9 @@ impl Contrast {
     #[inline(always)]
     pub fn scores(&self, weights: &[f32; FEATURES]) -> Parts<Lanes> {
         let weight = |feature: Feature| weights[feature as usize];
-        let mut of_measured: [f32; MEASURED] = from_fn(|k| {
-            weights[if k < 2 * WINDOWS.len() {
-                k
-            } else {
-                TEXTURES + k - 2 * WINDOWS.len()
-            }]
-        });
+        let mut of_measured = [0.0; MEASURED];
+        of_measured[..STEPS].copy_from_slice(&weights[..STEPS]);
+        of_measured[STEPS..].copy_from_slice(&weights[TEXTURES..][..MEASURED - STEPS]);
         for (window, share) in self.shares.into_iter().enumerate() {
             of_measured[2 * window + 1] *= share;
         }
@@ -268,107 +214,6 @@ impl Contrast {
 }
 
 impl Contrast {
-    /// Of each column the sums above every edge, and the steps across it.
-    #[inline(always)]
-    fn compare_columns(&mut self, cells: &Cells) {
-        let mut place = REACH;
-        for ((rows, band), kept) in cells.cells.iter().zip(&cells.bands).zip(&mut self.bands) {
-            for above in &mut self.columns[TERMS..] {
-                above[place - REACH..=place].fill(0.0);
-            }
-            let mut whole = [0.0; 4];
-            for (cell, edge) in rows[band.clone()].iter().zip(place + 1..) {
-                for k in 0..4 {
-                    whole[k] += cell[k];
-                    self.columns[TERMS + k][edge] = whole[k];
-                }
-            }
-            *kept = Band {
-                first: band.start,
-                last: band.end,
-                place,
-                whole,
-            };
-            for (above, sum) in self.columns[TERMS..].iter_mut().zip(whole) {
-                above[place + band.len()..place + kept.room() + REACH].fill(sum);
-            }
-            place += kept.room() + 2 * REACH;
-        }
-        let (terms, sums) = self.columns.split_at_mut(TERMS);
-        for band in &self.bands {
-            let (place, end) = (band.place, band.place + band.room());
-            for term in &mut *terms {
-                term[place - PART..place].fill(0.0);
-                term[end..end + PART].fill(0.0);
-            }
-            for edge in (place..end).step_by(PART) {
-                for (window, terms) in WINDOWS.into_iter().zip(terms.as_chunks_mut::<3>().0) {
-                    for (term, values) in terms.iter_mut().zip(compare(sums, edge, window)) {
-                        term[edge..edge + PART].copy_from_slice(&values);
-                    }
-                }
-            }
-        }
-    }
-
-    /// Sums over the columns along those lines of one tilt that a window about one of these rows needs.
-    #[inline(always)]
-    fn sum_columns(&mut self, tilt: usize, rows: &Range<usize>) {
-        let needed = rows.start / PART..(rows.end + 2 * WIDE).div_ceil(PART);
-        let mut places = [0; COLUMNS];
-        let (mut from, mut to) = ([0_u8; COLUMNS], [0_u8; COLUMNS]);
-        // Sums of the columns that end before a part: they lie above all further lines.
-        let mut ended = [[0.0; 4]; LINES / PART + 1];
-        for (column, (band, lift)) in self.bands.iter().zip(self.lifts[tilt]).enumerate() {
-            // Line l is edge l + lift - (WIDE + LIFT) of this column.
-            let line = |edge: usize| (edge + WIDE + LIFT).saturating_sub(lift);
-            from[column] = (line(band.first) / PART).clamp(needed.start, needed.end) as u8;
-            to[column] = line(band.last).div_ceil(PART).clamp(needed.start, needed.end) as u8;
-            // The place of line 0: of the lines that the column meets it is never negative.
-            places[column] = (band.place + lift).wrapping_sub(band.first + WIDE + LIFT);
-            for (ended, sum) in ended[usize::from(to[column])].iter_mut().zip(band.whole) {
-                *ended += sum;
-            }
-        }
-        let mut beyond = [0.0; 4];
-        for part in needed {
-            for (beyond, ended) in beyond.iter_mut().zip(ended[part]) {
-                *beyond += ended;
-            }
-            let mut sums = [[0.0; PART]; SUMS];
-            for (sum, beyond) in sums[TERMS..].iter_mut().zip(beyond) {
-                *sum = [beyond; PART];
-            }
-            let mut columns = 0_u32;
-            for column in 0..COLUMNS {
-                let meets = (from[column] <= part as u8) & ((part as u8) < to[column]);
-                columns |= u32::from(meets) << column;
-            }
-            while columns != 0 {
-                let column = columns.trailing_zeros() as usize % COLUMNS;
-                columns &= columns - 1;
-                let place = places[column].wrapping_add(part * PART);
-                for (sum, terms) in sums.iter_mut().zip(&self.columns) {
-                    let terms = at(terms, place);
-                    *sum = from_fn(|k| sum[k] + terms[k]);
-                }
-            }
-            for (line, sum) in self.lines.iter_mut().zip(sums) {
-                line.as_chunks_mut::<PART>().0[part] = sum;
-            }
-        }
-    }
-
-    /// Sums over all columns above the upper edge of a row.
-    #[inline(always)]
-    fn above(&self, row: usize) -> [f32; 4] {
-        from_fn(|sum| {
-            let above = &self.columns[TERMS + sum];
-            let of_column = |band: &Band| above[band.place + row.clamp(band.first, band.last) - band.first];
-            self.bands.iter().map(of_column).sum()
-        })
-    }
-
     /// What a line's features are among those of the other lines.
     #[inline(always)]
     fn relate(&mut self, steps: &[Lanes; WINDOWS.len()], best: &[f32]) -> f32 {
@@ -390,55 +235,10 @@ impl Contrast {
     }
 }
 
-/// The weight of a column at some edges, its step, and the step's square: the step is that of the mean log gray value, its
-/// weight the pixels it rests on.
-#[inline(always)]
-fn compare(above: &[[f32; EDGES]], edge: usize, window: usize) -> [Lanes; 3] {
-    let (first, last) = (edge - window, edge + window);
-    let [counts, logs, ..] = above else {
-        return [[0.0; PART]; 3];
-    };
-    let (counts_above, counts_below) = (between(counts, first, edge), between(counts, edge, last));
-    let (logs_above, logs_below) = (between(logs, first, edge), between(logs, edge, last));
-    let mut terms = [[0.0; PART]; 3];
-    for k in 0..PART {
-        let (above, below) = (counts_above[k], counts_below[k]);
-        let known = (above >= COLUMN_MIN) & (below >= COLUMN_MIN);
-        let (na, nb) = (above.max(1.0), below.max(1.0));
-        let step = logs_below[k] / nb - logs_above[k] / na;
-        let weight = if known { 2.0 * na * nb / (na + nb) } else { 0.0 };
-        terms[0][k] = weight;
-        terms[1][k] = weight * step;
-        terms[2][k] = weight * step * step;
-    }
-    terms
-}
-
 /// The four sums over all above each line.
 #[inline(always)]
 fn above(lines: &Lines) -> [&[f32; LINES]; 4] {
     [&lines[TERMS], &lines[TERMS + 1], &lines[TERMS + 2], &lines[TERMS + 3]]
-}
-
-/// The parts that these rows are in.
-#[inline(always)]
-fn parts(rows: &Range<usize>) -> Range<usize> {
-    rows.start / PART..rows.end.div_ceil(PART).min(PARTS)
-}
-
-/// As many values as a part has, from the `first` on.
-#[inline(always)]
-fn at<const LENGTH: usize>(values: &[f32; LENGTH], first: usize) -> Lanes {
-    // Always there; the compiler would not know.
-    let values = &values[first.min(LENGTH - PART)..];
-    *values.first_chunk().unwrap_or(&[0.0; PART])
-}
-
-/// What lies between two places, from sums over all that is above.
-#[inline(always)]
-fn between<const LENGTH: usize>(sums: &[f32; LENGTH], first: usize, last: usize) -> Lanes {
-    let (above, below) = (at(sums, first), at(sums, last));
-    from_fn(|k| below[k] - above[k])
 }
 
 /// To the values that are larger and known.
@@ -627,26 +427,6 @@ fn deep(height: f32) -> f32 {
     (0.65 - height).max(0.0)
 }
 
-/// Edges, and [`LIFT`], by which a line crosses a column lower than its row says.
-fn lift(column: usize, tilt: f32) -> usize {
-    let outwards = (column as f32 + 0.5) / COLUMNS as f32 - PIVOT;
-    (LIFT as f32 + tilt * outwards * ROWS as f32 + 0.5) as usize
-}
-
-/// Height at which the line through the pivot at this row meets the outer circle; NaN where it does not.
-fn meets_circle(row: usize, tilt: f32) -> f32 {
-    line_meets(row, tilt, 1.0)
-}
-
-/// The same of a circle of this radius.
-pub(crate) fn line_meets(row: usize, tilt: f32, radius: f32) -> f32 {
-    let start = row as f32 / ROWS as f32 - tilt * PIVOT;
-    // z = start + tilt x and x² + z² = radius², x >= 0
-    let (a, b, c) = (1.0 + tilt * tilt, tilt * start, start * start - radius * radius);
-    let x = (-b + (b * b - a * c).sqrt()) / a;
-    if x >= 0.0 { start + tilt * x } else { f32::NAN }
-}
-
 /// The natural logarithm of a positive normal number to 1e-5, in a form that a compiler can vectorise: no division.
 #[inline(always)]
 pub(crate) fn ln(value: f32) -> f32 {
@@ -664,65 +444,6 @@ pub(crate) fn ln(value: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Cells without order in a ring, some of them without pixels.
-    fn ring() -> Box<Cells> {
-        let mut cells = Box::new(Cells::EMPTY);
-        for column in 0..COLUMNS {
-            let (first, last) = (9 * (COLUMNS - column), ROWS - 4 * column);
-            cells.bands[column] = first..last;
-            for row in first..last {
-                let count = ((37 * row + 11 * column) % 13) as f32;
-                let log = 0.1 * ((91 * row + 7 * column) % 23) as f32 - 1.0;
-                cells.cells[column][row] = [count, count * log, count * log * log, 0.01 * count];
-            }
-        }
-        cells
-    }
-
-    #[test]
-    fn sums_along_a_line_agree_with_the_slow_obvious_ones() {
-        let (cells, mut contrast) = (ring(), Contrast::new());
-        contrast.compare_columns(&cells);
-        for (k, tilt) in TILTS.into_iter().enumerate() {
-            contrast.sum_columns(k, &(FIRST..ROWS));
-            for row in FIRST..ROWS {
-                let (mut all, mut terms) = ([0.0; 4], [0.0; 3]);
-                for (column, cells) in cells.cells.iter().enumerate() {
-                    let outwards = (column as f32 + 0.5) / COLUMNS as f32 - PIVOT;
-                    let edge = row as isize + (tilt * outwards * ROWS as f32).round() as isize;
-                    let sum = |from: isize, to: isize, k: usize| {
-                        let (from, to) = (from.clamp(0, ROWS as isize), to.clamp(0, ROWS as isize));
-                        let rows = &cells[from as usize..to as usize];
-                        rows.iter().map(|cell| f64::from(cell[k])).sum::<f64>()
-                    };
-                    for (k, all) in all.iter_mut().enumerate() {
-                        *all += sum(0, edge, k);
-                    }
-                    let window = WINDOWS[1] as isize;
-                    let [above, below] = [(edge - window, edge), (edge, edge + window)]
-                        .map(|(from, to)| (sum(from, to, 0), sum(from, to, 1)));
-                    if above.0 >= 2.5 && below.0 >= 2.5 {
-                        let weight = 2.0 / (1.0 / above.0 + 1.0 / below.0);
-                        let step = below.1 / below.0 - above.1 / above.0;
-                        terms = [
-                            terms[0] + weight,
-                            terms[1] + weight * step,
-                            terms[2] + weight * step * step,
-                        ];
-                    }
-                }
-                for (k, expected) in terms.into_iter().chain(all).enumerate() {
-                    let sum = if k < 3 { 3 + k } else { TERMS + k - 3 };
-                    let found = f64::from(contrast.lines[sum][row + WIDE]);
-                    assert!(
-                        (found - expected).abs() < 1e-4 * (10.0 + expected.abs()),
-                        "{tilt} {row} {k}: {found} {expected}"
-                    );
-                }
-            }
-        }
-    }
 
     #[test]
     fn the_logarithm_is_good_to_five_digits() {

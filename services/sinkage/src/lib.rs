@@ -11,6 +11,7 @@ pub mod center;
 pub mod contrast;
 pub mod filter;
 pub mod interface;
+pub mod lines;
 pub mod lip;
 pub mod posterior;
 pub mod profile;

@@ -2,7 +2,8 @@
 //! hides nothing of it.
 
 use crate::cells::Sums;
-use crate::contrast::{Contrast, PART, Parts, TILTS, line_meets};
+use crate::contrast::Contrast;
+use crate::lines::{PART, Parts, TILTS, line_meets};
 use crate::rim::Rim;
 use crate::ring::{Middling, NOWHERE, Ring, compare, log_means, nearest};
 use crate::rows::ROWS;

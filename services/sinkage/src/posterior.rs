@@ -1,7 +1,8 @@
 //! Where a side's interface is, as a probability over the height at which it meets the outer circle.
 
-use crate::contrast::{Contrast, PART, PARTS, TILTS};
+use crate::contrast::Contrast;
 use crate::interface::Interface;
+use crate::lines::{PART, PARTS, TILTS};
 use crate::weights::{FEATURES, Weights};
 
 /// Bins of the height, from the wheel's centre to its lowest point.

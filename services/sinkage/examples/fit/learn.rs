@@ -1,6 +1,7 @@
 //! Conditional logit over lines, then a small hidden layer over the lines that it leaves: both by Adam.
 
-use sinkage::contrast::{Contrast, PART};
+use sinkage::contrast::Contrast;
+use sinkage::lines::PART;
 use sinkage::posterior::{BINS, Posterior};
 use sinkage::weights::{FEATURES, Feature, UNITS, Unit, Weights};
 use std::ops::Range;
