@@ -58,9 +58,10 @@ impl Cells {
     }
 
     /// Without pixels, but the rows that may get some.
+    #[inline(always)]
     fn clear(&mut self, bands: &[Range<usize>; COLUMNS]) {
         for (rows, band) in self.cells.iter_mut().zip(&self.bands) {
-            rows[band.clone()].fill([0.0; 4]);
+            rows[band.clone()].as_flattened_mut().fill(0.0);
         }
         self.bands.clone_from(bands);
     }
