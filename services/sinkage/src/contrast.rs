@@ -446,6 +446,46 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_score_is_the_weighted_sum_of_the_lines_features() {
+        let mut cells = Box::new(Cells::EMPTY);
+        for (column, (rows, band)) in cells.cells.iter_mut().zip(&mut cells.bands).enumerate() {
+            *band = 7 * (15 - column)..ROWS - 5 * column;
+            for (row, cell) in rows.iter_mut().enumerate().take(band.end).skip(band.start) {
+                let log = if row < 90 { 0.5 } else { -0.2 } + 0.01 * ((7 * row + 3 * column) % 10) as f32;
+                *cell = [9.0, 9.0 * log, 9.1 * log * log, 0.02 * (1 + row % 3) as f32];
+            }
+        }
+        let ring = from_fn(|row| if row < 90 { 0.3 } else { 0.05 });
+        let mut contrast = Contrast::new();
+        assert!((0.6..0.8).contains(&contrast.measure(&cells, &ring)));
+        contrast.lips = from_fn(|k| from_fn(|row| 0.1 * (k + row % 7) as f32));
+        contrast.lip_rows = from_fn(|tilt| from_fn(|part| from_fn(|k| (tilt + part * PART + k) as u8)));
+        let weights = from_fn(|k| 0.3 * (k % 5) as f32 - 0.5);
+        let scores = contrast.scores(&weights);
+        let mut lines = 0;
+        for (tilt, part) in (0..TILTS.len()).flat_map(|tilt| (0..PARTS).map(move |part| (tilt, part))) {
+            let features = contrast.features(tilt, part);
+            for k in 0..PART {
+                let terms = features
+                    .iter()
+                    .zip(weights)
+                    .map(|(feature, weight)| weight * feature[k]);
+                let (expected, score) = (terms.sum::<f32>(), scores[tilt][part][k]);
+                if contrast.known[tilt][part][k] > 0.0 {
+                    assert!(
+                        (score - expected).abs() < 1e-4 * (1.0 + expected.abs()),
+                        "{tilt} {part} {k}"
+                    );
+                    lines += 1;
+                } else {
+                    assert_eq!(score, f32::NEG_INFINITY);
+                }
+            }
+        }
+        assert!(lines > 500, "{lines}");
+    }
+
+    #[test]
     fn the_logarithm_is_good_to_five_digits() {
         for k in 0..20_000 {
             let value = 1e-5 * 1.001_f32.powi(k);

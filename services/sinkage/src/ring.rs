@@ -138,3 +138,25 @@ impl Default for RingLookup {
         Self::new()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_of_few_steps_is_drawn_to_a_middling_one() {
+        let ring: [f32; 100] = std::array::from_fn(|row| 0.01 * (row % 9) as f32);
+        let middling = Middling {
+            step: 0.2,
+            rows: 2.0,
+            least: 0.01,
+        };
+        let means = log_means(&ring, &middling, |row| row + 1..row + 13);
+        for row in 0..=100 {
+            let steps = ring.iter().skip(row + 1).take(12);
+            let (sum, count) = (steps.clone().sum::<f32>(), steps.count() as f32);
+            let expected = ((sum + 2.0 * 0.2) / (count + 2.0) + 0.01).ln();
+            assert!((means[row] - expected).abs() < 1e-4, "{row}: {} {expected}", means[row]);
+        }
+    }
+}
