@@ -31,7 +31,7 @@ const EDGE: Middling = Middling {
     least: 0.02,
 };
 /// Rows from which on a line can meet the circle within [`HEIGHTS`].
-pub const FIRST: usize = 16;
+pub(crate) const FIRST: usize = 16;
 /// Rows above a line that still belong to it.
 const SAME: usize = 10;
 
