@@ -3,6 +3,7 @@
 mod parts;
 
 use bench::{Day, Options, Outcome, Report, Series};
+use camera::PictureReader;
 use clap::Parser;
 use messages::{Frame, Soil, TerrainClass};
 use parts::Parts;
@@ -11,6 +12,7 @@ use sinkage::{Method, SinkageTracker};
 use std::hint::black_box;
 use terrain::TerrainFusion;
 use terramechanics::{Estimator, SoilEstimator};
+use traverse::FrameRow;
 use vibration::decision::Decider;
 use vibration::features::Extractor;
 use vibration::recording::Window;
@@ -23,6 +25,8 @@ const ROUNDS: usize = 5;
 const PICTURES: usize = 32;
 /// Width and height of the largest picture that a frame holds, in the shape of a camera's.
 const LARGEST_PX: (u32, u32) = (1182, 887);
+/// Width and height of a picture of 20 Mpx.
+const PHOTO_PX: (u32, u32) = (5472, 3648);
 /// Pictures in a round.
 const PICTURES_A_ROUND: usize = 160;
 
@@ -41,6 +45,7 @@ struct Times {
     sinkage_moving: Series,
     sinkage_largest_change: Series,
     sinkage_large: Series,
+    sinkage_cropped: Series,
     parts: [Series; parts::NAMES.len()],
     terramechanics: Series,
     terramechanics_linear: Series,
@@ -64,6 +69,7 @@ fn main() -> Outcome<()> {
         sinkage_moving: Series::new("sinkage: one VGA picture, the wheel elsewhere in each"),
         sinkage_largest_change: Series::new("sinkage, largest_change: one VGA picture"),
         sinkage_large: Series::new("sinkage: the same wheel in the largest picture that a frame holds"),
+        sinkage_cropped: Series::new("sinkage: the same wheel in a picture of 20 Mpx, cropped by the camera service"),
         parts: parts::NAMES.map(|part| Series::new(format!("sinkage, part: {part}"))),
         terramechanics: Series::new("terramechanics, full: a cycle, with its share of the solution over the window"),
         terramechanics_linear: Series::new("terramechanics, linear: a cycle"),
@@ -97,6 +103,7 @@ impl Times {
             &mut self.sinkage_moving,
             &mut self.sinkage_largest_change,
             &mut self.sinkage_large,
+            &mut self.sinkage_cropped,
         ];
         let numbers = [
             &mut self.terramechanics,
@@ -124,7 +131,7 @@ impl Times {
                 ..sinkage::Config::default()
             })
         };
-        let [mut still, mut again, mut moving, mut large] = [(); 4].map(|()| tracker(Method::Contrast));
+        let [mut still, mut again, mut moving, mut large, mut cropped] = [(); 5].map(|()| tracker(Method::Contrast));
         let mut parts = Parts::new();
         let mut largest_change = tracker(Method::LargestChange);
         let mut canvas = Frame::new_box_zeroed().expect("there is memory for a picture");
@@ -139,6 +146,7 @@ impl Times {
             step(&mut self.sinkage_moving, &mut moving, &frames.moving);
             step(&mut self.sinkage_largest_change, &mut largest_change, &frames.still);
             step(&mut self.sinkage_large, &mut large, &frames.large);
+            step(&mut self.sinkage_cropped, &mut cropped, &frames.cropped);
             for (series, time_ns) in self
                 .parts
                 .iter_mut()
@@ -232,7 +240,7 @@ impl Times {
     }
 }
 
-/// What the camera sees, in four ways.
+/// What the camera sees, in five ways.
 struct Pictures {
     /// The wheel is said to be where it is in the first.
     still: Vec<Box<Frame>>,
@@ -242,6 +250,8 @@ struct Pictures {
     moving: Vec<Box<Frame>>,
     /// The first ones, in the corner of a picture as large as a frame holds.
     large: Vec<Box<Frame>>,
+    /// The first ones, in the corner of a picture of 20 Mpx, of which the camera service leaves the wheel's surroundings.
+    cropped: Vec<Box<Frame>>,
 }
 
 impl Pictures {
@@ -259,11 +269,14 @@ impl Pictures {
         }
         let again = still.iter().map(|_| copied(&still[0])).collect();
         let large = still.iter().map(|frame| enlarged(frame)).collect();
+        let mut reader = PictureReader::default();
+        let cropped = still.iter().map(|frame| photographed(frame, &mut reader)).collect();
         Self {
             still,
             again,
             moving,
             large,
+            cropped,
         }
     }
 }
@@ -291,15 +304,53 @@ fn enlarged(frame: &Frame) -> Box<Frame> {
     (large.rim_radius_px, large.wheel_radius_px) = (frame.rim_radius_px, frame.wheel_radius_px);
     (large.pitch_rad, large.homography) = (frame.pitch_rad, frame.homography);
     (large.width, large.height) = LARGEST_PX;
-    let (width, columns) = (large.width as usize, frame.width as usize);
-    let (right, down) = (large.width - frame.width, large.height - frame.height);
-    large.pixels.fill(128);
-    let lines = large.pixels.chunks_exact_mut(width).skip(down as usize);
-    for (line, source) in lines.zip(frame.image().chunks_exact(columns)) {
-        line[width - columns..].copy_from_slice(source);
-    }
-    shift(&mut large, f64::from(right), f64::from(down));
+    let (right_px, down_px) = paste(frame, LARGEST_PX, &mut large.pixels);
+    shift(&mut large, right_px, down_px);
     large
+}
+
+/// The picture in the lower right of one of 20 Mpx, a PNG file, as the camera service reads it.
+fn photographed(frame: &Frame, reader: &mut PictureReader) -> Box<Frame> {
+    let (width, height) = PHOTO_PX;
+    let mut pixels = vec![0; width as usize * height as usize];
+    let (right_px, down_px) = paste(frame, PHOTO_PX, &mut pixels);
+    let mut file = Vec::new();
+    let mut encoder = png::Encoder::new(&mut file, width, height);
+    encoder.set_compression(png::Compression::NoCompression);
+    encoder
+        .write_header()
+        .and_then(|mut writer| writer.write_image_data(&pixels))
+        .expect("a picture in memory can be encoded");
+    let mut moved = copied(frame);
+    shift(&mut moved, right_px, down_px);
+    let row = FrameRow {
+        line: 2,
+        sequence: frame.header.sequence,
+        file: String::new(),
+        taken_ns: frame.header.taken_ns,
+        center_x_px: moved.center_x_px,
+        center_y_px: moved.center_y_px,
+        rim_radius_px: frame.rim_radius_px,
+        wheel_radius_px: frame.wheel_radius_px,
+        pitch_rad: frame.pitch_rad,
+        homography: Some(moved.homography),
+    };
+    reader
+        .fill(&row, &file, &mut moved)
+        .expect("the camera reads what was just encoded");
+    moved
+}
+
+/// Puts the picture into the lower right of a gray one; how far it has moved to the right and down.
+fn paste(frame: &Frame, (width, height): (u32, u32), pixels: &mut [u8]) -> (f64, f64) {
+    let (width, columns) = (width as usize, frame.width as usize);
+    let (right, down) = (width - columns, (height - frame.height) as usize);
+    pixels.fill(128);
+    let lines = pixels.chunks_exact_mut(width).skip(down);
+    for (line, source) in lines.zip(frame.image().chunks_exact(columns)) {
+        line[right..].copy_from_slice(source);
+    }
+    (right as f64, down as f64)
 }
 
 /// How long `act` takes [ns], and its answer, which the compiler may not leave out.

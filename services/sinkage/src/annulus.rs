@@ -1,12 +1,13 @@
 //! The rim's pixels in the picture, prepared once for a wheel that stays where it is.
 
-use crate::cells::{Cells, Lookup, Sums};
+use crate::cells::{Cells, Lookup, PARTS_MAX, Sums};
 use crate::center::Shift;
 use crate::contrast::Contrast;
 use crate::lip::LipLookup;
 use crate::rim::Rim;
 use crate::ring::{Ring, RingLookup};
 use crate::rows::ROWS;
+use std::hint::black_box;
 
 /// How far the refined rim may be from the prepared one [px]: what remains is taken off the answer.
 const TOLERANCE_PX: f64 = 0.4;
@@ -20,6 +21,8 @@ pub struct Annulus {
     ring: RingLookup,
     lip: LipLookup,
     lips: [Ring; 2],
+    /// Pixels of all parts of the picture that these need.
+    needed: Vec<u32>,
 }
 
 impl Annulus {
@@ -32,6 +35,7 @@ impl Annulus {
             ring: RingLookup::new(),
             lip: LipLookup::new(),
             lips: [[0.0; ROWS]; 2],
+            needed: Vec::with_capacity(PARTS_MAX + 2 * ROWS),
         }
     }
 
@@ -56,14 +60,22 @@ impl Annulus {
         self.cells.prepare(&moved, width);
         self.ring.prepare(&moved, width, height);
         self.lip.prepare(&moved, width, height);
+        self.needed.clear();
+        self.needed.extend(self.cells.parts());
+        self.needed.extend(self.ring.outermost());
         self.prepared = Some((rim.clone(), width, shift));
         Shift::NONE
     }
 
-    /// Has the pixels brought that the last rim was made of: most often this one is, too.
+    /// Reads a pixel of each part of the picture that the last rim was made of, without waiting for any: they arrive side by
+    /// side. Most often this rim is made of them, too.
     #[inline(always)]
     pub fn call_up(&self, image: &[u8]) {
-        self.cells.call_up(image);
+        let mut sum = 0_u8;
+        for pixel in &self.needed {
+            sum ^= image.get(*pixel as usize).unwrap_or(&0);
+        }
+        black_box(sum);
     }
 
     /// Sums up the cells and the steps across the outer edge: `[left, right]`.

@@ -3,7 +3,6 @@
 use crate::rim::Rim;
 use crate::rows::ROWS;
 use messages::PIXELS_MAX;
-use std::hint::black_box;
 use std::ops::Range;
 
 /// Columns from the middle of the wheel to its outermost point.
@@ -18,9 +17,6 @@ const DARK_PIXEL: f32 = 16.0;
 const MIDDLE: f32 = 4.0;
 /// Distance of the pixels whose ratio is the texture: neighbours are blurred into each other.
 const APART: usize = 2;
-/// The last of the four [`Sums`], and the others.
-const LAST: Sums = [0.0, 0.0, 0.0, 1.0];
-const OTHERS: Sums = [1.0, 1.0, 1.0, 0.0];
 /// Pixels whose cells are worked out together.
 const BLOCK: usize = 32;
 /// Pixels of a span at most, and spans at most: 0.75 of one side of the largest wheel that a frame holds has fewer.
@@ -28,6 +24,8 @@ const SPAN: usize = 8 * BLOCK;
 const SPANS: usize = 1 << 13;
 /// Pixels that come from memory at once.
 const CACHE_LINE: usize = 64;
+/// Parts of a picture that a rim needs at most.
+pub(crate) const PARTS_MAX: usize = SPANS * (SPAN / CACHE_LINE + 1);
 
 /// Pixels of a cell; the sums of their log gray values, of their squares, and of the squared differences of pixels side by side.
 pub type Sums = [f32; 4];
@@ -52,14 +50,18 @@ impl Cells {
     #[must_use]
     pub fn pixels(&self) -> f32 {
         let columns = self.cells.iter().zip(&self.bands);
-        let cells = columns.flat_map(|(rows, band)| &rows[band.clone()]);
-        cells.map(|cell| cell[0]).sum()
+        // Whole numbers, of which single precision loses nothing: the columns side by side.
+        let of_column = |(rows, band): (&[Sums; ROWS], &Range<usize>)| -> f32 {
+            rows[band.clone()].iter().map(|cell| cell[0]).sum()
+        };
+        columns.map(of_column).sum()
     }
 
     /// Without pixels, but the rows that may get some.
+    #[inline(always)]
     fn clear(&mut self, bands: &[Range<usize>; COLUMNS]) {
         for (rows, band) in self.cells.iter_mut().zip(&self.bands) {
-            rows[band.clone()].fill([0.0; 4]);
+            rows[band.clone()].as_flattened_mut().fill(0.0);
         }
         self.bands.clone_from(bands);
     }
@@ -195,19 +197,13 @@ impl Lookup {
         }
     }
 
-    /// Reads a pixel of each part of the picture that will be needed, without waiting for any: they arrive side by side.
+    /// A pixel of each part of the picture that is needed.
     #[inline(always)]
-    pub fn call_up(&self, image: &[u8]) {
-        let mut sum = 0_u8;
-        for span in &self.spans {
-            let first = span.first as usize;
-            if let Some(pixels) = image.get(first..first + usize::from(span.length)) {
-                for pixel in pixels.iter().step_by(CACHE_LINE).chain(pixels.last()) {
-                    sum ^= pixel;
-                }
-            }
-        }
-        black_box(sum);
+    pub fn parts(&self) -> impl Iterator<Item = u32> {
+        self.spans.iter().flat_map(|span| {
+            let end = span.first + u32::from(span.length);
+            (span.first..end).step_by(CACHE_LINE).chain([end - 1])
+        })
     }
 
     /// Sums the picture's cells: `[left, right]`.
@@ -236,22 +232,23 @@ impl Lookup {
             ) else {
                 continue;
             };
-            let texture = |gray: u8| -> Sums { std::array::from_fn(|k| LAST[k] * table[usize::from(gray)][k]) };
-            let [mut two_before, mut before] = [texture(*two_before), texture(*before)];
+            let of_pixel = |gray: u8| table[usize::from(gray)][3];
+            let (mut two_before, mut before) = (of_pixel(*two_before), of_pixel(*before));
             for run in mine {
                 let Some((here, others)) = pixels.split_at_checked(usize::from(run.length)) else {
                     break;
                 };
                 pixels = others;
-                let mut sums = [0.0; 4];
+                let (mut logs, mut squares, mut textures) = (0.0, 0.0, 0.0);
                 for gray in here {
-                    let (terms, last) = (table[usize::from(*gray)], texture(*gray));
-                    for k in 0..4 {
-                        // The last is squared, after that of the other pixel is taken off: in all four alike, as one vector.
-                        sums[k] += (terms[k] - two_before[k]) * (OTHERS[k] + (last[k] - two_before[k]));
-                    }
-                    (two_before, before) = (before, last);
+                    let [_, log, square, texture] = table[usize::from(*gray)];
+                    let step = texture - two_before;
+                    logs += log;
+                    squares += square;
+                    textures += step * step;
+                    (two_before, before) = (before, texture);
                 }
+                let sums = [f32::from(run.length), logs, squares, textures];
                 let cell = usize::from(run.cell);
                 let cell = if cell < CELLS {
                     left.get_mut(cell)

@@ -127,14 +127,14 @@ fn edge(
     let (right, down) = (share * (to.0 as f32 - column), share * (to.1 as f32 - row));
     let grays = samples(image, width, (column, row), (right, down))?;
     // Three samples against three: the mean rise over 2 px.
-    let threes: [f32; LANES] = std::array::from_fn(|j| {
-        if j + 2 < LANES {
-            grays[j] + grays[j + 1] + grays[j + 2]
-        } else {
-            0.0
-        }
-    });
-    let rises: [f32; LANES - VECTOR] = std::array::from_fn(|j| if j < RISES { threes[j + 4] - threes[j] } else { 0.0 });
+    let (mut threes, mut rises) = ([0.0; LANES - 2], [0.0; LANES - VECTOR]);
+    for (three, grays) in threes.iter_mut().zip(grays.array_windows()) {
+        let [first, second, third] = grays;
+        *three = first + second + third;
+    }
+    for (j, rise) in rises[..RISES].iter_mut().enumerate() {
+        *rise = threes[j + 4] - threes[j];
+    }
     let mut most = [0.0_f32; VECTOR];
     for rises in rises.as_chunks::<VECTOR>().0 {
         most = std::array::from_fn(|k| if rises[k] > most[k] { rises[k] } else { most[k] });
@@ -174,11 +174,16 @@ fn samples(image: &[u8], width: usize, (column, row): (f32, f32), (right, down):
         };
         *corner = u32::from_le_bytes([*a, *b, *c, *d]);
     }
-    Some(std::array::from_fn(|j| {
-        let [a, b, c, d] = corners[j].to_le_bytes().map(f32::from);
-        let (above, below) = (a + u[j] * (b - a), c + u[j] * (d - c));
-        above + v[j] * (below - above)
-    }))
+    let mut grays = [0.0; LANES];
+    for (j, gray) in grays.iter_mut().enumerate() {
+        let corner = |k: u32| (corners[j] >> (8 * k) & 0xff) as i32 as f32;
+        let (above, below) = (
+            corner(0) + u[j] * (corner(1) - corner(0)),
+            corner(2) + u[j] * (corner(3) - corner(2)),
+        );
+        *gray = above + v[j] * (below - above);
+    }
+    Some(grays)
 }
 
 /// Where the rays meet the edge, outwards from its expected place; beyond `count`, [`NOWHERE`].

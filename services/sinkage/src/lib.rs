@@ -11,6 +11,7 @@ pub mod center;
 pub mod contrast;
 pub mod filter;
 pub mod interface;
+pub mod lines;
 pub mod lip;
 pub mod posterior;
 pub mod profile;
@@ -26,7 +27,7 @@ use contrast::Contrast;
 use filter::Filter;
 use interface::Interface;
 use messages::{Frame, Resumable, Sinkage, Status};
-use posterior::Posterior;
+use posterior::{Coupling, Posterior};
 use rim::Rim;
 use ring::Ring;
 use rows::Side;
@@ -60,6 +61,7 @@ pub struct SinkageTracker {
     rings: [Ring; 2],
     table: Box<[Sums; 256]>,
     filter: Filter,
+    coupling: Coupling,
     processor: pulp::Arch,
     weights: Weights,
 }
@@ -77,6 +79,7 @@ impl SinkageTracker {
             rings: [[0.0; rows::ROWS]; 2],
             table: Box::new(cells::log_table()),
             filter: Filter::NEW,
+            coupling: Coupling::new(),
             processor: pulp::Arch::new(),
             weights: Weights::fitted(),
         }
@@ -138,7 +141,7 @@ impl SinkageTracker {
         }
         self.filter.expect(taken_ns, &mut sides);
         if let [Some(left), Some(right)] = &mut sides {
-            Posterior::couple(left, right);
+            self.coupling.couple(left, right);
         }
         self.filter.observe(taken_ns, &sides);
         sides

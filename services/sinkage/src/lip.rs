@@ -2,11 +2,11 @@
 //! hides nothing of it.
 
 use crate::cells::Sums;
-use crate::contrast::{Contrast, FIRST, TILTS, line_meets};
+use crate::contrast::Contrast;
+use crate::lines::{PART, Parts, TILTS, line_meets};
 use crate::rim::Rim;
-use crate::ring::{NOWHERE, Ring, compare, nearest};
+use crate::ring::{Middling, NOWHERE, Ring, compare, log_means, nearest};
 use crate::rows::ROWS;
-use crate::weights::Feature;
 
 /// Distances from the edge, inwards and outwards, in outer radii: far enough from it for a radius that is wrong by 0.5 %.
 const AWAY: [f64; 3] = [0.014, 0.022, 0.030];
@@ -17,11 +17,12 @@ const GAP: usize = 1;
 const WIDE: usize = 12;
 /// Rows below a line's ends that the soil line may sag between them.
 const SAG: usize = 8;
-/// A middling step across the inner edge, and for how many rows it counts.
-const STEP: f32 = 0.3;
-const STEP_ROWS: f32 = 3.0;
-/// Step below which nothing is told apart.
-const STEP_MIN: f32 = 0.02;
+/// A middling step across the inner edge, for how many rows it counts, and a step below which nothing is told apart.
+const EDGE: Middling = Middling {
+    step: 0.3,
+    rows: 3.0,
+    least: 0.02,
+};
 
 /// The pixels on either side of the inner edge: prepared once for a rim that stays where it is in the picture.
 #[derive(Clone, Debug)]
@@ -30,7 +31,7 @@ pub struct LipLookup {
     /// Rows down to the edge's lowest point.
     end: usize,
     /// Row at which each line meets the edge, [`LipLookup::end`] where it passes below.
-    meets: [[u8; ROWS]; TILTS.len()],
+    meets: Parts<[u8; PART]>,
 }
 
 impl LipLookup {
@@ -40,7 +41,7 @@ impl LipLookup {
         Self {
             pixels: [[[NOWHERE; 2 * RADII]; ROWS]; 2],
             end: 0,
-            meets: [[0; ROWS]; TILTS.len()],
+            meets: [[[0; PART]; ROWS / PART]; TILTS.len()],
         }
     }
 
@@ -63,7 +64,7 @@ impl LipLookup {
             }
         }
         for (meets, tilt) in self.meets.iter_mut().zip(TILTS) {
-            for (row, meets) in meets.iter_mut().enumerate() {
+            for (row, meets) in meets.as_flattened_mut().iter_mut().enumerate() {
                 let height = line_meets(row, tilt, edge as f32) * ROWS as f32;
                 // NaN, where the line passes below, becomes the end.
                 *meets = if height < self.end as f32 {
@@ -86,31 +87,15 @@ impl LipLookup {
     /// Fills in the features of every line: how much of the inner edge is seen just above it, just below it, and below.
     #[inline(always)]
     pub fn mark(&self, lip: &Ring, contrast: &mut Contrast) {
-        let mut sums = [0.0; ROWS + 1];
-        for (row, step) in lip[..self.end].iter().enumerate() {
-            sums[row + 1] = sums[row] + step;
-        }
-        let mean = |from: usize, to: usize| {
-            let (from, to) = (from.min(self.end), to.min(self.end));
-            // Few rows say little: a middling edge.
-            let share = (sums[to] - sums[from] + STEP_ROWS * STEP) / (to.saturating_sub(from) as f32 + STEP_ROWS);
-            (share.max(0.0) + STEP_MIN).ln()
-        };
-        let of_row: [[f32; 3]; ROWS + 1] = std::array::from_fn(|row| {
-            let (above, below) = (row.saturating_sub(GAP), row + GAP + 1);
-            [
-                mean(above.saturating_sub(WIDE), above),
-                mean(below, below + WIDE),
-                mean(row + SAG, ROWS),
-            ]
-        });
-        for ((features, meets), rows) in contrast.features.iter_mut().zip(&self.meets).zip(&contrast.rows) {
-            for (k, feature) in features[Feature::LipAbove as usize..].iter_mut().enumerate().take(3) {
-                for row in rows.clone().filter(|row| *row >= FIRST) {
-                    feature[row] = of_row[usize::from(meets[row]).min(ROWS)][k];
-                }
-            }
-        }
+        let lip = &lip[..self.end];
+        let above = |row: usize| row.saturating_sub(GAP);
+        let below = |row: usize| row + GAP + 1;
+        contrast.lips = [
+            log_means(lip, &EDGE, |row| above(row).saturating_sub(WIDE)..above(row)),
+            log_means(lip, &EDGE, |row| below(row)..below(row) + WIDE),
+            log_means(lip, &EDGE, |row| row + SAG..ROWS),
+        ];
+        contrast.lip_rows = self.meets;
     }
 }
 

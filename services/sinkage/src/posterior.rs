@@ -1,10 +1,9 @@
 //! Where a side's interface is, as a probability over the height at which it meets the outer circle.
 
-use crate::contrast::{Contrast, Features, TILTS};
+use crate::contrast::Contrast;
 use crate::interface::Interface;
-use crate::rows::ROWS;
+use crate::lines::{PART, PARTS, TILTS};
 use crate::weights::{FEATURES, Weights};
-use std::ops::Range;
 
 /// Bins of the height, from the wheel's centre to its lowest point.
 pub const BINS: usize = 320;
@@ -12,8 +11,6 @@ pub const BINS: usize = 320;
 const NEAR: usize = 7;
 /// Scores this far below the best have no probability.
 const SCORE_SPAN: f32 = 12.0;
-/// Rows whose scores are worked out together.
-const PART: usize = 16;
 
 /// Bins that the two sides are compared by.
 const GROUP: usize = 4;
@@ -37,34 +34,23 @@ impl Posterior {
     #[must_use]
     #[inline(always)]
     pub fn new(contrast: &Contrast, weights: &Weights) -> Self {
-        let mut scores = [[f32::NEG_INFINITY; ROWS]; TILTS.len()];
-        let mut highest = [[f32::NEG_INFINITY; ROWS / PART]; TILTS.len()];
-        for (tilt, scores) in scores.iter_mut().enumerate() {
-            let rows = contrast.rows[tilt].clone();
-            let sums = weighted(&contrast.features[tilt], &weights.features, 0.0, rows.clone());
-            let known = &contrast.known[tilt][rows.clone()];
-            for ((score, sum), known) in scores[rows.clone()].iter_mut().zip(&sums[rows]).zip(known) {
-                *score = if *known { *sum } else { f32::NEG_INFINITY };
-            }
-            for (highest, scores) in highest[tilt].iter_mut().zip(scores.as_chunks().0) {
-                *highest = largest(scores);
-            }
+        let mut scores = contrast.scores(&weights.features);
+        let mut highest = [[0.0; PARTS]; TILTS.len()];
+        for (highest, scores) in highest.as_flattened_mut().iter_mut().zip(scores.as_flattened()) {
+            *highest = largest(scores);
         }
         let floor = highest.as_flattened().iter().copied().fold(f32::NEG_INFINITY, f32::max) - SCORE_SPAN;
-        for (tilt, scores) in scores.iter_mut().enumerate() {
-            for (part, scores) in scores.as_chunks_mut().0.iter_mut().enumerate() {
-                if highest[tilt][part] > floor {
-                    refine(scores, &contrast.features[tilt], part * PART, floor, weights);
-                    highest[tilt][part] = largest(scores);
+        for (tilt, (scores, highest)) in scores.iter_mut().zip(&mut highest).enumerate() {
+            for (part, (scores, highest)) in scores.iter_mut().zip(highest).enumerate() {
+                if *highest > floor {
+                    refine(scores, &contrast.features(tilt, part), floor, weights);
+                    *highest = largest(scores);
                 }
             }
         }
         let best = highest.as_flattened().iter().copied().fold(f32::NEG_INFINITY, f32::max);
         let mut mass = [0.0; BINS];
-        let parts = scores
-            .as_flattened()
-            .chunks_exact(PART)
-            .zip(contrast.heights.as_flattened().chunks_exact(PART));
+        let parts = scores.as_flattened().iter().zip(contrast.heights.as_flattened());
         for ((scores, heights), highest) in parts.zip(highest.as_flattened()) {
             if highest - best > -SCORE_SPAN {
                 for (score, height) in scores
@@ -93,7 +79,14 @@ impl Posterior {
     /// Makes the probabilities sum up to 1.
     #[inline(always)]
     pub fn normalize(&mut self) {
-        let total: f32 = self.mass.iter().sum();
+        // Several sums side by side, whatever the processor.
+        let mut sums = [0.0; PART];
+        for masses in self.mass.as_chunks::<PART>().0 {
+            for (sum, mass) in sums.iter_mut().zip(masses) {
+                *sum += mass;
+            }
+        }
+        let total: f32 = sums.iter().sum();
         if total > 0.0 {
             let scale = 1.0 / total;
             for mass in &mut self.mass {
@@ -102,36 +95,14 @@ impl Posterior {
         }
     }
 
-    /// What either side says of the other: soil lies about level, so that its heights differ by [`LEVEL`].
+    /// Probability of each group of bins.
     #[inline(always)]
-    pub fn couple(left: &mut Self, right: &mut Self) {
-        let sides = [left, right];
-        let coarse = sides.each_ref().map(|side| {
-            let mut groups = [0.0; GROUPS];
-            for (bin, mass) in side.mass.iter().enumerate() {
-                groups[bin / GROUP] += mass;
-            }
-            groups
-        });
-        // Of a group for the one so many before or after it.
-        let likelihood: [f32; 2 * GROUPS - 1] = std::array::from_fn(|k| {
-            let apart = (k.abs_diff(GROUPS - 1) * GROUP) as f32 / BINS as f32 / LEVEL;
-            (-(0.5 * apart * apart).min(LEVEL_COST_MAX)).exp()
-        });
-        for (side, other) in sides.into_iter().zip([coarse[1], coarse[0]]) {
-            let mut messages = [0.0; GROUPS];
-            for (group, mass) in other.into_iter().enumerate().filter(|(_, mass)| *mass > 0.0) {
-                for (message, likelihood) in messages.iter_mut().zip(&likelihood[GROUPS - 1 - group..]) {
-                    *message += mass * likelihood;
-                }
-            }
-            for (masses, message) in side.mass.chunks_exact_mut(GROUP).zip(messages) {
-                for mass in masses {
-                    *mass *= message;
-                }
-            }
-            side.normalize();
+    fn groups(&self) -> [f32; GROUPS] {
+        let mut groups = [0.0; GROUPS];
+        for (group, masses) in groups.iter_mut().zip(self.mass.as_chunks::<GROUP>().0) {
+            *group = masses.iter().sum();
         }
+        groups
     }
 
     /// The same with one picture's worth of evidence: the pictures of one scene err alike.
@@ -188,16 +159,50 @@ impl Posterior {
     }
 }
 
-/// `start` plus the weighted sum of the features of some rows.
-#[inline(always)]
-fn weighted(features: &Features, weights: &[f32; FEATURES], start: f32, rows: Range<usize>) -> [f32; ROWS] {
-    let mut sums = [start; ROWS];
-    for (feature, weight) in features.iter().zip(weights) {
-        for (sum, value) in sums[rows.clone()].iter_mut().zip(&feature[rows.clone()]) {
-            *sum += weight * value;
+/// What either side says of the other: soil lies about level, so that its heights differ by [`LEVEL`].
+#[derive(Clone, Debug)]
+pub struct Coupling {
+    /// Likelihood of a group for the one so many before or after it.
+    likelihood: [f32; 2 * GROUPS - 1],
+}
+
+impl Coupling {
+    /// Prepares the likelihoods.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            likelihood: std::array::from_fn(|k| {
+                let apart = (k.abs_diff(GROUPS - 1) * GROUP) as f32 / BINS as f32 / LEVEL;
+                (-(0.5 * apart * apart).min(LEVEL_COST_MAX)).exp()
+            }),
         }
     }
-    sums
+
+    /// Weighs each side by what the other one lets expect.
+    #[inline(always)]
+    pub fn couple(&self, left: &mut Posterior, right: &mut Posterior) {
+        let (left_groups, right_groups) = (left.groups(), right.groups());
+        for (side, other) in [(left, right_groups), (right, left_groups)] {
+            let mut messages = [0.0; GROUPS];
+            for (group, mass) in other.into_iter().enumerate().filter(|(_, mass)| *mass > 0.0) {
+                for (message, likelihood) in messages.iter_mut().zip(&self.likelihood[GROUPS - 1 - group..]) {
+                    *message += mass * likelihood;
+                }
+            }
+            for (masses, message) in side.mass.chunks_exact_mut(GROUP).zip(messages) {
+                for mass in masses {
+                    *mass *= message;
+                }
+            }
+            side.normalize();
+        }
+    }
+}
+
+impl Default for Coupling {
+    fn default() -> Self {
+        Self::new()
+    }
 }
 
 /// The largest of some scores, two halves side by side.
@@ -207,20 +212,14 @@ fn largest(scores: &[f32; PART]) -> f32 {
     halves.into_iter().fold(f32::NEG_INFINITY, f32::max)
 }
 
-/// Adds the hidden layer to the scores of some rows; those at or below `floor` are no candidates.
+/// Adds the hidden layer to the scores of some lines; those at or below `floor` are no candidates.
 #[inline(always)]
-fn refine(scores: &mut [f32; PART], features: &Features, first: usize, floor: f32, weights: &Weights) {
-    let mut parts = [[0.0; PART]; FEATURES];
-    for (part, feature) in parts.iter_mut().zip(features) {
-        if let Some(values) = feature.get(first..first + PART) {
-            part.copy_from_slice(values);
-        }
-    }
+fn refine(scores: &mut [f32; PART], features: &[[f32; PART]; FEATURES], floor: f32, weights: &Weights) {
     let mut sums = [0.0; PART];
     for unit in &weights.units {
         let mut inputs = [unit.bias; PART];
-        for (part, weight) in parts.iter().zip(unit.weights) {
-            for (input, value) in inputs.iter_mut().zip(part) {
+        for (feature, weight) in features.iter().zip(unit.weights) {
+            for (input, value) in inputs.iter_mut().zip(feature) {
                 *input += weight * value;
             }
         }

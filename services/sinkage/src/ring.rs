@@ -1,8 +1,10 @@
 //! The wheel's outer edge: above the soil the rim ends at it, below it soil lies on either side.
 
 use crate::cells::Sums;
+use crate::contrast::{ByRow, ln};
 use crate::rim::{Rim, project};
 use crate::rows::ROWS;
+use std::ops::Range;
 
 /// Radii inside and outside the edge, in outer radii: far enough from it for a radius that is wrong by 0.5 %.
 const INSIDE: [f64; 3] = [0.955, 0.968, 0.981];
@@ -41,6 +43,11 @@ impl RingLookup {
                 }
             }
         }
+    }
+
+    /// The outermost pixel of each row.
+    pub(crate) fn outermost(&self) -> impl Iterator<Item = u32> {
+        self.pixels.as_flattened().iter().map(|pixels| pixels[2 * RADII - 1])
     }
 
     /// The differences of both sides, left first; 0 where a pixel lies outside of the picture.
@@ -87,6 +94,37 @@ pub(crate) fn compare<const PIXELS: usize>(
     }
 }
 
+/// What few rows are taken for.
+pub(crate) struct Middling {
+    /// A step across an edge, and for how many rows it counts.
+    pub step: f32,
+    pub rows: f32,
+    /// Step below which nothing is told apart.
+    pub least: f32,
+}
+
+/// Of each row up to the end of the ring, the log of the mean step over a range of rows that begins and ends within it or after.
+#[inline(always)]
+pub(crate) fn log_means(ring: &[f32], middling: &Middling, range: impl Fn(usize) -> Range<usize>) -> ByRow {
+    let end = ring.len().min(ROWS);
+    let mut above = [0.0; ROWS + 1];
+    for (row, step) in ring[..end].iter().enumerate() {
+        above[row + 1] = above[row] + step;
+    }
+    let (mut sums, mut counts) = ([0.0_f32; 1 << u8::BITS], [0.0_f32; 1 << u8::BITS]);
+    for row in 0..=end {
+        let range = range(row);
+        let (first, last) = (range.start.min(end), range.end.min(end));
+        sums[row] = above[last] - above[first];
+        counts[row] = last.saturating_sub(first) as f32;
+    }
+    for (sum, count) in sums.iter_mut().zip(counts) {
+        let mean = (*sum + middling.rows * middling.step) / (count + middling.rows);
+        *sum = ln(mean.max(0.0) + middling.least);
+    }
+    sums
+}
+
 /// The mean difference below a height.
 #[must_use]
 pub fn below(ring: &Ring, height: f64) -> f32 {
@@ -98,5 +136,27 @@ pub fn below(ring: &Ring, height: f64) -> f32 {
 impl Default for RingLookup {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_of_few_steps_is_drawn_to_a_middling_one() {
+        let ring: [f32; 100] = std::array::from_fn(|row| 0.01 * (row % 9) as f32);
+        let middling = Middling {
+            step: 0.2,
+            rows: 2.0,
+            least: 0.01,
+        };
+        let means = log_means(&ring, &middling, |row| row + 1..row + 13);
+        for (row, mean) in means.iter().enumerate().take(101) {
+            let steps = ring.iter().skip(row + 1).take(12);
+            let (sum, count) = (steps.clone().sum::<f32>(), steps.count() as f32);
+            let expected = ((sum + 2.0 * 0.2) / (count + 2.0) + 0.01).ln();
+            assert!((mean - expected).abs() < 1e-4, "{row}: {mean} {expected}");
+        }
     }
 }

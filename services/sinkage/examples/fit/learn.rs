@@ -1,8 +1,8 @@
 //! Conditional logit over lines, then a small hidden layer over the lines that it leaves: both by Adam.
 
-use sinkage::contrast::{Contrast, FIRST};
+use sinkage::contrast::Contrast;
+use sinkage::lines::PART;
 use sinkage::posterior::{BINS, Posterior};
-use sinkage::rows::ROWS;
 use sinkage::weights::{FEATURES, Feature, UNITS, Unit, Weights};
 use std::ops::Range;
 use std::thread;
@@ -32,11 +32,13 @@ impl Side {
             lines: Vec::new(),
             heights: Vec::new(),
         };
-        for (tilt, known) in contrast.known.iter().enumerate() {
-            for row in (FIRST..ROWS).filter(|row| known[*row]) {
-                side.lines
-                    .push(std::array::from_fn(|k| contrast.features[tilt][k][row]));
-                side.heights.push(contrast.heights[tilt][row]);
+        for (tilt, parts) in contrast.known.iter().enumerate() {
+            for (part, known) in parts.iter().enumerate() {
+                let features = contrast.features(tilt, part);
+                for line in (0..PART).filter(|line| known[*line] > 0.0) {
+                    side.lines.push(features.map(|values| values[line]));
+                    side.heights.push(contrast.heights[tilt][part][line]);
+                }
             }
         }
         side
