@@ -14,6 +14,15 @@ fn golden(name: &str) -> Vec<u8> {
     std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
+/// What must be found in a picture, row by row.
+fn gray_values(name: &str) -> Vec<u8> {
+    let text = String::from_utf8(golden(&format!("{name}.csv"))).unwrap();
+    text.split_whitespace()
+        .flat_map(|line| line.split(','))
+        .map(|cell| cell.parse().unwrap())
+        .collect()
+}
+
 fn row() -> FrameRow {
     FrameRow {
         line: 9,
@@ -63,12 +72,7 @@ fn every_kind_of_png_gives_its_gray_values() {
         reader
             .fill(&row(), &golden(&format!("{picture}.png")), &mut frame)
             .unwrap();
-        let text = String::from_utf8(golden(&format!("{values}.csv"))).unwrap();
-        let expected: Vec<u8> = text
-            .split_whitespace()
-            .flat_map(|line| line.split(','))
-            .map(|cell| cell.parse().unwrap())
-            .collect();
+        let expected = gray_values(values);
         assert_eq!((frame.width, frame.height), (13, 7), "{picture}");
         assert_eq!(frame.image(), expected, "{picture}");
         assert_eq!(frame.check(), Ok(()), "{picture}");
@@ -132,12 +136,7 @@ fn every_kind_of_jpeg_gives_the_gray_values_of_another_decoder() {
     for picture in ["rgb", "rgb_progressive", "gray"] {
         let file = golden(&format!("{picture}.jpg"));
         reader.fill(&row(), &file, &mut frame).unwrap();
-        let text = String::from_utf8(golden(&format!("{picture}_jpg.csv"))).unwrap();
-        let expected: Vec<u8> = text
-            .split_whitespace()
-            .flat_map(|line| line.split(','))
-            .map(|cell| cell.parse().unwrap())
-            .collect();
+        let expected = gray_values(&format!("{picture}_jpg"));
         assert_eq!((frame.width, frame.height), (33, 18), "{picture}");
         assert_eq!(frame.check(), Ok(()), "{picture}");
         // The standard leaves the last bits of a transform, and how colours are spread over pixels, to the decoder.
