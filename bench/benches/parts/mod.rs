@@ -6,6 +6,7 @@ use sinkage::annulus::Annulus;
 use sinkage::cells::{Cells, Sums, log_table};
 use sinkage::center::Shift;
 use sinkage::contrast::Contrast;
+use sinkage::crossing;
 use sinkage::posterior::Posterior;
 use sinkage::rim::Rim;
 use sinkage::ring::Ring;
@@ -14,12 +15,13 @@ use sinkage::weights::Weights;
 use std::hint::black_box;
 
 /// What is measured, in order.
-pub const NAMES: [&str; 5] = [
+pub const NAMES: [&str; 6] = [
     "centre refinement",
     "preparation for another geometry",
     "accumulation",
     "features of both sides",
     "scores and softmax of both sides",
+    "answers, refined where they cross the outer edge",
 ];
 
 /// The state of a tracker.
@@ -73,14 +75,22 @@ impl pulp::WithSimd for Measurement<'_> {
         let (cells, rings) = (&mut *parts.cells, &mut parts.rings);
         parts.annulus.measure(black_box(image), &parts.table, cells, rings);
         let summed_ns = now_ns();
-        let (mut features_ns, mut softmax_ns) = (0, 0);
-        for (cells, ring) in parts.cells.iter().zip(&parts.rings) {
+        let (mut features_ns, mut softmax_ns, mut crossings_ns) = (0, 0, 0);
+        for (side, (cells, ring)) in parts.cells.iter().zip(&parts.rings).enumerate() {
             let begun_ns = now_ns();
             black_box(parts.contrast.measure(black_box(cells), ring));
+            parts.annulus.mark(side, &mut parts.contrast);
             let measured_ns = now_ns();
-            black_box(Posterior::new(black_box(&parts.contrast), &parts.weights));
+            let posterior = black_box(Posterior::new(black_box(&parts.contrast), &parts.weights));
+            let scored_ns = now_ns();
+            let mut interface = black_box(posterior.of_one_picture().interface(&parts.weights));
+            if let Some(interface) = &mut interface {
+                crossing::refine(black_box(cells), interface);
+            }
+            black_box(interface);
             features_ns += measured_ns - begun_ns;
-            softmax_ns += now_ns() - measured_ns;
+            softmax_ns += scored_ns - measured_ns;
+            crossings_ns += now_ns() - scored_ns;
         }
         [
             centered_ns - begun_ns,
@@ -88,6 +98,7 @@ impl pulp::WithSimd for Measurement<'_> {
             summed_ns - prepared_ns,
             features_ns,
             softmax_ns,
+            crossings_ns,
         ]
     }
 }

@@ -3,12 +3,14 @@
 //! The method is §2 of Iagnemma, Brooks and Dubowsky, "Visual, Tactile, and Vibration-Based Terrain Analysis for
 //! Planetary Rovers", IEEE Aerospace 2004: along the rim, on either side of straight down, the soil begins at the row
 //! at which the mean intensity changes the most. The default method goes on from there: it refines the wheel's centre,
-//! weighs the contrast along every line that the soil may make, and says how sure it is.
+//! weighs the contrast along every line that the soil may make, looks at where the line crosses the wheel's outer edge once
+//! more, and says how sure it is.
 
 pub mod annulus;
 pub mod cells;
 pub mod center;
 pub mod contrast;
+pub mod crossing;
 pub mod filter;
 pub mod interface;
 pub mod lines;
@@ -144,9 +146,16 @@ impl SinkageTracker {
             self.coupling.couple(left, right);
         }
         self.filter.observe(taken_ns, &sides);
-        sides
-            .each_ref()
-            .map(|side| side.as_ref()?.of_one_picture().interface(&self.weights))
+        let mut interfaces = [None, None];
+        for ((interface, side), cells) in interfaces.iter_mut().zip(&sides).zip(&*self.cells) {
+            *interface = side
+                .as_ref()
+                .and_then(|side| side.of_one_picture().interface(&self.weights));
+            if let Some(interface) = interface {
+                crossing::refine(cells, interface);
+            }
+        }
+        interfaces
     }
 
     fn sinkage(&self, frame: &Frame, found: Found) -> Sinkage {
@@ -228,7 +237,7 @@ impl pulp::WithSimd for ByContrast<'_> {
         for (side, ring) in sides.iter_mut().zip(&tracker.rings) {
             let Some(interface) = side else { continue };
             // From the prepared rim to this one.
-            interface.cosine = (interface.cosine - rest.down) / (1.0 + rest.growth);
+            interface.cosine = ((interface.cosine - rest.down) / (1.0 + rest.growth)).clamp(0.0, 1.0);
             let light = interface.cosine < COSINE_MIN && ring::below(ring, interface.cosine) > EDGE_MAX;
             // Without the rim's inner edge it may be no wheel at all.
             if shift.is_none() || light || interface.sigma > SIGMA_MAX {

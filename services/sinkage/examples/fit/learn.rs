@@ -3,7 +3,7 @@
 use sinkage::contrast::Contrast;
 use sinkage::lines::PART;
 use sinkage::posterior::{BINS, Posterior};
-use sinkage::weights::{FEATURES, Feature, UNITS, Unit, Weights};
+use sinkage::weights::{FEATURES, UNITS, Unit, Weights};
 use std::ops::Range;
 use std::thread;
 
@@ -120,13 +120,12 @@ pub fn fit(sides: &[Side], unseen: &[Side], seeds: Range<u64>) -> Option<Weights
     let mut parameters = [0.0; PARAMETERS];
     let linear = Descent {
         hidden: false,
-        fitted: |k| k < LENGTH,
         seed: seeds.start,
         epochs: 30,
         rate: 0.05,
         ridge: 1e-3,
     };
-    linear.run(sides, &scale, &mut parameters, &[0.0; PARAMETERS]);
+    linear.run(sides, &scale, &mut parameters);
     let weights = unpack(&parameters, &scale);
     let reduced: Vec<Side> = sides.iter().map(|side| side.reduced(&weights)).collect();
     let begin = |seed: u64| {
@@ -138,13 +137,12 @@ pub fn fit(sides: &[Side], unseen: &[Side], seeds: Range<u64>) -> Option<Weights
         }
         let whole = Descent {
             hidden: true,
-            fitted: |_| true,
             seed,
             epochs: 60,
             rate: 0.01,
             ridge: 3e-4,
         };
-        whole.run(&reduced, &scale, &mut parameters, &[0.0; PARAMETERS]);
+        whole.run(&reduced, &scale, &mut parameters);
         let weights = unpack(&parameters, &scale);
         (likelihood(unseen, &weights), weights)
     };
@@ -154,36 +152,6 @@ pub fn fit(sides: &[Side], unseen: &[Side], seeds: Range<u64>) -> Option<Weights
         let fits = workers.into_iter().filter_map(|worker| worker.join().ok());
         fits.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, weights)| weights)
     })
-}
-
-/// Fits the weights of those features that `known` does not know, and keeps the others.
-pub fn add(sides: &[Side], known: &Weights) -> Weights {
-    let scale = scale(sides);
-    let reduced: Vec<Side> = sides.iter().map(|side| side.reduced(known)).collect();
-    let mut parameters = pack(known, &scale);
-    let home = parameters;
-    let descent = Descent {
-        hidden: true,
-        fitted: |k| {
-            let feature = if k < LENGTH {
-                Some(k)
-            } else {
-                ((k - LENGTH) % (LENGTH + 2)).checked_sub(2)
-            };
-            feature.is_some_and(|k| (Feature::LipAbove as usize..FEATURES).contains(&k))
-        },
-        seed: 1,
-        epochs: 12,
-        rate: 0.01,
-        ridge: 0.0,
-    };
-    descent.run(&reduced, &scale, &mut parameters, &home);
-    Weights {
-        bias: known.bias,
-        sigma: known.sigma,
-        temper: known.temper,
-        ..unpack(&parameters, &scale)
-    }
 }
 
 /// Root mean square of each feature.
@@ -196,19 +164,6 @@ fn scale(sides: &[Side]) -> [f32; FEATURES] {
         }
     }
     scale.map(f32::sqrt)
-}
-
-fn pack(weights: &Weights, scale: &[f32; FEATURES]) -> [f32; PARAMETERS] {
-    let mut parameters = [0.0; PARAMETERS];
-    for k in 0..FEATURES {
-        parameters[k] = weights.features[k] * scale[k];
-        for (unit, place) in weights.units.iter().zip((LENGTH..).step_by(LENGTH + 2)) {
-            parameters[place] = unit.out;
-            parameters[place + 1] = unit.bias;
-            parameters[place + 2 + k] = unit.weights[k] * scale[k];
-        }
-    }
-    parameters
 }
 
 fn unpack(parameters: &[f32; PARAMETERS], scale: &[f32; FEATURES]) -> Weights {
@@ -231,26 +186,18 @@ fn unpack(parameters: &[f32; PARAMETERS], scale: &[f32; FEATURES]) -> Weights {
 
 /// Adam over batches of sides.
 struct Descent {
-    /// Whether the units count.
+    /// Whether the units count, and are fitted.
     hidden: bool,
-    /// Whether a parameter is fitted.
-    fitted: fn(usize) -> bool,
     seed: u64,
     epochs: usize,
     /// What the steps begin at; they fall to nothing.
     rate: f32,
-    /// Pull to `home`.
+    /// Pull to nothing.
     ridge: f32,
 }
 
 impl Descent {
-    fn run(
-        &self,
-        sides: &[Side],
-        scale: &[f32; FEATURES],
-        parameters: &mut [f32; PARAMETERS],
-        home: &[f32; PARAMETERS],
-    ) {
+    fn run(&self, sides: &[Side], scale: &[f32; FEATURES], parameters: &mut [f32; PARAMETERS]) {
         const BATCH: usize = 16;
         let inverse = scale.map(f32::recip);
         let lines: Vec<Vec<Line>> = sides
@@ -274,10 +221,10 @@ impl Descent {
                 let rate = self.rate * (1.0 - step as f32 / (steps as f32 + 1.0));
                 let (first, second) = (1.0 - 0.9_f32.powi(step), 1.0 - 0.99_f32.powi(step));
                 for k in 0..PARAMETERS {
-                    let slope = gradient[k] / batch.len() as f32 + 2.0 * self.ridge * (parameters[k] - home[k]);
+                    let slope = gradient[k] / batch.len() as f32 + 2.0 * self.ridge * parameters[k];
                     mean[k] += 0.1 * (slope - mean[k]);
                     square[k] += 0.01 * (slope * slope - square[k]);
-                    if (self.fitted)(k) {
+                    if self.hidden || k < LENGTH {
                         parameters[k] -= rate * (mean[k] / first) / ((square[k] / second).sqrt() + 1e-8);
                     }
                 }
@@ -360,7 +307,7 @@ fn dot(a: &[f32], b: &Line) -> f32 {
 }
 
 /// `SplitMix64`.
-struct Random(u64);
+pub struct Random(pub u64);
 
 impl Random {
     fn bits(&mut self) -> u64 {
@@ -376,7 +323,7 @@ impl Random {
     }
 
     /// Uniform in -1..1.
-    fn symmetric(&mut self) -> f32 {
+    pub fn symmetric(&mut self) -> f32 {
         (self.bits() >> 40) as f32 / (1 << 23) as f32 - 1.0
     }
 }

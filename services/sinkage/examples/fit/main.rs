@@ -4,13 +4,15 @@
 //! cargo run --release -p sinkage --example fit > weights.txt && mv weights.txt services/sinkage/src/
 //! ```
 //!
-//! It keeps the weights of `beginning.txt` beside this file, and fits those of the features that they do not know. With
-//! `--anew` it fits all of them from nothing, several times.
+//! The scenes are of both of the simulation's renderers, and drawings, so that what the weights rely on is not how one of
+//! them paints.
 
+mod drawing;
 mod learn;
 
 use learn::Side;
 use messages::Frame;
+use simulation::Rover;
 use simulation::conditions::{Clip, Condition};
 use sinkage::annulus::Annulus;
 use sinkage::cells::{Cells, log_table};
@@ -23,29 +25,50 @@ use std::ops::Range;
 use std::thread;
 use zerocopy::FromZeros;
 
-/// Seeds of the scenes of each condition.
-const FITTED: Range<u64> = 1000..1400;
+/// Seeds of the clips of each condition.
+const FITTED: Range<u64> = 1000..2000;
 const CALIBRATED: Range<u64> = 100_000..100_060;
-/// Seeds of the fits from nothing.
+/// Seeds of the rovers, and the times at which each of them is looked at.
+const ROVERS: Range<u64> = 3000..3060;
+const TIMES_S: [f64; 10] = [2.0, 13.0, 24.0, 35.0, 46.0, 57.0, 68.0, 79.0, 90.0, 101.0];
+/// Seeds of the drawings.
+const DRAWINGS: Range<u64> = 5000..5300;
+/// Seeds of the fits.
 const BEGINNINGS: Range<u64> = 1..5;
 
+/// What one frame is drawn of.
+#[derive(Clone, Copy)]
+enum Scene {
+    Clip(Condition, u64),
+    Rover(u64, f64),
+    Drawing(u64),
+}
+
 fn main() {
-    let weights = if std::env::args().any(|argument| argument == "--anew") {
-        let unseen = sides(CALIBRATED);
-        let fitted = learn::fit(&sides(FITTED), &unseen, BEGINNINGS);
-        fitted.map(|weights| calibrated(weights, &unseen))
-    } else {
-        let known = Weights::parse(include_str!("beginning.txt"));
-        Some(learn::add(&sides(FITTED), &known))
-    };
-    if let Some(weights) = weights {
-        print!("{}", text(&weights));
+    let clips = |seeds: Range<u64>| seeds.flat_map(|seed| Condition::ALL.map(|condition| Scene::Clip(condition, seed)));
+    let rovers = ROVERS.flat_map(|seed| TIMES_S.map(|time_s| Scene::Rover(seed, time_s)));
+    let fitted: Vec<Scene> = clips(FITTED)
+        .chain(rovers)
+        .chain(DRAWINGS.map(Scene::Drawing))
+        .collect();
+    let unseen: Vec<Scene> = clips(CALIBRATED).collect();
+    eprintln!(
+        "painting {} frames: on two cores ten minutes",
+        fitted.len() + unseen.len()
+    );
+    let (fitted, unseen) = (sides(&fitted), sides(&unseen));
+    eprintln!(
+        "fitting {} sides, {} times: four minutes",
+        fitted.len(),
+        BEGINNINGS.count()
+    );
+    if let Some(weights) = learn::fit(&fitted, &unseen, BEGINNINGS) {
+        print!("{}", text(&calibrated(weights, &unseen)));
     }
 }
 
 /// Both sides of one frame of each scene.
-fn sides(seeds: Range<u64>) -> Vec<Side> {
-    let scenes: Vec<(Condition, u64)> = seeds.flat_map(|seed| Condition::ALL.map(|it| (it, seed))).collect();
+fn sides(scenes: &[Scene]) -> Vec<Side> {
     let threads = thread::available_parallelism().map_or(1, usize::from);
     thread::scope(|scope| {
         let parts = scenes.chunks(scenes.len().div_ceil(threads).max(1));
@@ -57,7 +80,7 @@ fn sides(seeds: Range<u64>) -> Vec<Side> {
     })
 }
 
-fn measure(scenes: &[(Condition, u64)]) -> Vec<Side> {
+fn measure(scenes: &[Scene]) -> Vec<Side> {
     let table = log_table();
     let mut contrast = Contrast::new();
     let mut annulus = Annulus::new();
@@ -67,8 +90,23 @@ fn measure(scenes: &[(Condition, u64)]) -> Vec<Side> {
     let Ok(mut frame) = Frame::new_box_zeroed() else {
         return sides;
     };
-    for &(condition, seed) in scenes {
-        let truth = Clip::new(condition, seed).paint(0.0, &mut frame);
+    for scene in scenes {
+        let angles = match *scene {
+            Scene::Clip(condition, seed) => {
+                let truth = Clip::new(condition, seed).paint(0.0, &mut frame);
+                [truth.left_rad, truth.right_rad]
+            }
+            Scene::Rover(seed, time_s) => {
+                let rover = Rover::new(simulation::Config {
+                    seed,
+                    ..simulation::Config::default()
+                });
+                rover.render(time_s, &mut frame);
+                let state = rover.state(time_s);
+                [-state.exit_rad, state.entry_rad]
+            }
+            Scene::Drawing(seed) => drawing::draw(seed, &mut frame),
+        };
         let (width, height) = (frame.width as usize, frame.height as usize);
         let Ok(rim) = Rim::locate(&frame, width, height) else {
             continue;
@@ -76,7 +114,7 @@ fn measure(scenes: &[(Condition, u64)]) -> Vec<Side> {
         let shift = Shift::find(frame.image(), width, &frame).unwrap_or(Shift::NONE);
         annulus.follow(&rim, shift, width, height);
         annulus.measure(frame.image(), &table, &mut cells, &mut rings);
-        for (side, angle) in [truth.left_rad, truth.right_rad].into_iter().enumerate() {
+        for (side, angle) in angles.into_iter().enumerate() {
             contrast.measure(&cells[side], &rings[side]);
             annulus.mark(side, &mut contrast);
             sides.push(Side::of(&contrast, angle.cos() as f32));
@@ -120,10 +158,11 @@ fn text(weights: &Weights) -> String {
     let numbers = |values: Vec<f32>| values.iter().map(|value| format!(" {value:.4e}")).collect::<String>();
     let units = |of: fn(&Unit) -> f32| numbers(weights.units.iter().map(of).collect());
     let mut text = format!(
-        "# Weights of the contrast method, printed by `cargo run --release -p sinkage --example fit`: the lip's from one frame\n\
-         # of each of the scenes {FITTED:?} of the six conditions in shared/simulation, all others from examples/fit/beginning.txt.\n\
-         # (With `--anew` all are from those scenes; bias, sigma, temper and which of the fits {BEGINNINGS:?}: {CALIBRATED:?}.)\n\
-         # A feature's line: its weight in the score, then in each unit of the hidden layer.\n"
+        "# Weights of the contrast method, printed by `cargo run --release -p sinkage --example fit` from one frame of each of the\n\
+         # scenes {FITTED:?} of the six conditions in shared/simulation and {} frames of each of its rovers {ROVERS:?}, and the\n\
+         # drawings {DRAWINGS:?}; bias, sigma, temper and which of the fits {BEGINNINGS:?}: from the scenes {CALIBRATED:?}.\n\
+         # A feature's line: its weight in the score, then in each unit of the hidden layer.\n",
+        TIMES_S.len()
     );
     for (k, name) in NAMES.iter().enumerate() {
         let values = [weights.features[k]]

@@ -38,7 +38,9 @@ pub(super) struct Terrain {
 
 impl Terrain {
     pub(super) fn new(condition: Condition, dice: &mut Dice) -> Self {
-        let base = 0.03 + 0.25 * dice.unit().powf(1.2);
+        let part = dice.unit();
+        // One wheel in fifty is deeper in the soil than a rover should ever let it be.
+        let base = 0.03 + 0.25 * part.powf(1.2) + 18.0 * (part - 0.98).max(0.0);
         let (slope, undulation) = match condition {
             Condition::Uneven => (dice.sym(0.28), dice.range(0.01, 0.07)),
             Condition::Gravel => (dice.sym(0.06), dice.range(0.0, 0.03)),
@@ -108,7 +110,7 @@ impl Terrain {
 
     /// The ground when the wheel has come `travel` radii, `sway` radians into the slow change of its sinkage.
     pub(super) fn ground(&self, travel: f64, sway: f64) -> Ground {
-        let depth = (self.base + self.sweep * (sway + self.sweep_phase).sin()).clamp(0.02, 0.40);
+        let depth = (self.base + self.sweep * (sway + self.sweep_phase).sin()).clamp(0.02, 0.75);
         let mut ground = Ground {
             height: vec![0.0; COLUMNS * ROWS],
             soil_height: Vec::new(),
