@@ -2,9 +2,10 @@
 //!
 //! Two bells hang on a wire. A futex, in a file of the system's folder, is the cheapest wake-up that there is, and costs its
 //! ringer no system call where nobody sleeps; but only this shell rings it. The event, of the wire's name, is iceoryx2's,
-//! costs either side several calls, and is rung by every writer. So a reader waits for the futex. Once a sample has come that the futex was not rung for, it
-//! waits for the event, until the futex is rung again: the first sample of another kind of writer is late by one wait at
-//! the most. A bell can be missed, a sample never: every wait ends, and then its caller looks.
+//! costs either side several calls, and is rung by every writer. So a reader waits for the futex. Once a sample has come
+//! that the futex was not rung for, it waits for the event, until the futex is rung again: the first sample of another kind
+//! of writer is late by one wait at the most. A bell can be missed, a sample never: every wait ends, and then its caller
+//! looks.
 //!
 //! What takes its writer some time, a frame, is heralded: all stages of its chain wake, look, and sleep again. Their code is
 //! in the caches and their processors are awake when it comes: at sensor rates a hop costs more for what is cold than for
@@ -13,8 +14,8 @@
 //! Where the writer is bound to one processor, the stage that it wakes is most often bound there too and waits until the writer
 //! sleeps. So the writer lets it go first: what is to be tidied up after a sample is done when the answer is on its way.
 //!
-//! The file, in words of eight bytes: magic; strokes so far (four bytes, 0); 1 where somebody may be asleep; the same two
-//! for heralds.
+//! The file, in words of eight bytes: magic; for samples, twice the strokes so far, plus 1 where somebody may be asleep
+//! (four bytes, and four of 0); the same for heralds.
 
 use crate::memory::Memory;
 use crate::{Error, now_ns};
@@ -26,15 +27,15 @@ use rustix::io::Errno;
 use rustix::thread::{futex, sched_getaffinity, sched_yield};
 use std::cell::{Cell, RefCell};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 /// The event that a writer rings after each sample.
 pub(crate) const RING: usize = 0;
-const MAGIC: u64 = u64::from_le_bytes(*b"TERRAB01");
+const MAGIC: u64 = u64::from_le_bytes(*b"TERRAB02");
 const SAMPLES: usize = 1;
-const HERALDS: usize = 3;
-const WORDS: usize = 5;
+const HERALDS: usize = 2;
+const WORDS: usize = 3;
 
 /// The event service of a wire.
 pub(crate) type EventService = event::PortFactory<ipc::Service>;
@@ -90,49 +91,57 @@ impl Bell {
     }
 
     fn gong(&self, word: usize) -> Gong<'_> {
-        Gong {
-            strokes: self.memory.half_word(word),
-            asleep: &self.memory.words()[word + 1],
-        }
+        Gong(self.memory.half_word(word))
     }
 }
 
-/// What is rung and slept for.
-struct Gong<'a> {
-    strokes: &'a AtomicU32,
-    asleep: &'a AtomicU64,
-}
+/// What is rung and slept for. Strokes and sleepers share one word: were they two, a stroke could strike out, between the
+/// one and the other, a sleeper that has heard it already and sleeps for the next, which would then wake nobody.
+struct Gong<'a>(&'a AtomicU32);
+
+/// Added where somebody may be asleep.
+const ASLEEP: u32 = 1;
+const STROKE: u32 = 2;
 
 impl Gong<'_> {
     /// Wakes whoever is asleep: a system call only where somebody may be. Whether somebody was.
     fn ring(&self) -> bool {
-        self.strokes.fetch_add(1, Ordering::SeqCst);
-        let somebody = self.asleep.swap(0, Ordering::SeqCst) != 0;
-        somebody
-            && futex::wake(self.strokes, futex::Flags::empty(), i32::MAX.cast_unsigned()).is_ok_and(|woken| woken > 0)
+        let rung = |word: u32| Some((word & !ASLEEP).wrapping_add(STROKE));
+        let (Ok(before) | Err(before)) = self.0.fetch_update(Ordering::SeqCst, Ordering::SeqCst, rung);
+        before & ASLEEP != 0
+            && futex::wake(self.0, futex::Flags::empty(), i32::MAX.cast_unsigned()).is_ok_and(|woken| woken > 0)
     }
 
-    /// How often it has been rung.
+    /// How often it has been rung: a number that each stroke changes.
     fn heard(&self) -> u32 {
-        self.strokes.load(Ordering::SeqCst)
+        self.0.load(Ordering::SeqCst) & !ASLEEP
     }
 
     /// Sleeps until it has been rung more often than `heard`, a signal comes, or `longest` is over.
     fn sleep(&self, heard: u32, longest: Duration) -> Result<(), Errno> {
-        self.lie_down();
         let longest = longest.try_into().map_err(|_| Errno::INVAL)?;
-        awake(futex::wait(self.strokes, futex::Flags::empty(), heard, Some(&longest)))
+        awake(futex::wait(
+            self.0,
+            futex::Flags::empty(),
+            self.lie_down(heard),
+            Some(&longest),
+        ))
     }
 
-    /// Before the kernel compares: who rings afterwards has either changed what it compares, or sees this.
-    fn lie_down(&self) {
-        self.asleep.store(1, Ordering::SeqCst);
+    /// What the kernel is to find, or not to sleep. Where it has been rung meanwhile nothing is written, and the kernel finds
+    /// another word.
+    fn lie_down(&self, heard: u32) -> u32 {
+        let asleep = heard | ASLEEP;
+        let _ = self
+            .0
+            .compare_exchange(heard, asleep, Ordering::SeqCst, Ordering::SeqCst);
+        asleep
     }
 
     fn wait(&self, heard: u32) -> futex::Wait {
         let mut wait = futex::Wait::new();
-        wait.val = heard.into();
-        wait.uaddr = futex::WaitPtr::new(self.strokes.as_ptr().cast());
+        wait.val = self.lie_down(heard).into();
+        wait.uaddr = futex::WaitPtr::new(self.0.as_ptr().cast());
         wait.flags = futex::WaitFlags::SIZE_U32;
         wait
     }
@@ -140,7 +149,6 @@ impl Gong<'_> {
 
 /// Sleeps until either has been rung more often than heard, as [`Gong::sleep`] does for one.
 fn sleep_for_either(gongs: [(Gong<'_>, u32); 2], longest: Duration) -> Result<(), Errno> {
-    gongs.iter().for_each(|(gong, _)| gong.lie_down());
     let waits = gongs.map(|(gong, heard)| gong.wait(heard));
     let until_ns = now_ns() + u64::try_from(longest.as_nanos()).unwrap_or(u64::MAX >> 1);
     let until = Duration::from_nanos(until_ns).try_into().map_err(|_| Errno::INVAL)?;
@@ -311,14 +319,25 @@ impl Ear {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::atomic::AtomicU64;
+    use std::time::Instant;
+
+    /// A sleep that lasts so long was slept over a stroke. It is told, not slept for ever.
+    const FOR_EVER: Duration = Duration::from_secs(60);
+
+    fn woken(sleep: impl FnOnce(Duration) -> Result<(), Errno>) {
+        let begun = Instant::now();
+        sleep(FOR_EVER).unwrap();
+        assert!(begun.elapsed() < FOR_EVER, "nobody woke a reader");
+    }
 
     #[test]
-    fn a_reader_never_sleeps_over_a_stroke() {
+    fn no_reader_ever_sleeps_over_a_stroke() {
         let folder = tempfile::tempdir().unwrap();
         let path = Bell::path(&folder.path().display().to_string(), "front/wheel");
-        let bell = Bell::create(&path).unwrap();
+        let _hung = Bell::create(&path).unwrap();
         let said = AtomicU64::new(0);
-        let last = 20_000;
+        let last = 1_000_000;
         std::thread::scope(|scope| {
             scope.spawn(|| {
                 let bell = Bell::open(&path).unwrap();
@@ -327,13 +346,17 @@ mod tests {
                     bell.samples().ring();
                 }
             });
-            loop {
-                let heard = bell.samples().heard();
-                if said.load(Ordering::Acquire) == last {
-                    break;
-                }
-                // Whoever sleeps over the last stroke sleeps for ever.
-                bell.samples().sleep(heard, Duration::from_secs(1 << 20)).unwrap();
+            for _ in 0..2 {
+                scope.spawn(|| {
+                    let bell = Bell::open(&path).unwrap();
+                    loop {
+                        let heard = bell.samples().heard();
+                        if said.load(Ordering::Acquire) == last {
+                            break;
+                        }
+                        woken(|longest| bell.samples().sleep(heard, longest));
+                    }
+                });
             }
         });
     }
@@ -356,8 +379,7 @@ mod tests {
                     std::thread::sleep(Duration::from_millis(5));
                     ring(&paths);
                 });
-                // Whoever is not woken sleeps for ever.
-                sleep_for_either(gongs, Duration::from_secs(1 << 20)).unwrap();
+                woken(|longest| sleep_for_either(gongs, longest));
             });
         }
     }
@@ -366,8 +388,9 @@ mod tests {
     fn a_bell_that_nobody_waits_for_wakes_nobody() {
         let folder = tempfile::tempdir().unwrap();
         let bell = Bell::create(&folder.path().join("bell.front.wheel")).unwrap();
+        let heard = bell.samples().heard();
         assert!(!bell.samples().ring());
-        assert_eq!(bell.samples().heard(), 1);
+        assert_ne!(bell.samples().heard(), heard);
     }
 
     #[test]
