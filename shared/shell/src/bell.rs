@@ -2,10 +2,10 @@
 //!
 //! Two bells hang on a wire. A futex, in a file of the system's folder, is the cheapest wake-up that there is, and costs its
 //! ringer no system call where nobody sleeps; but only this shell rings it. The event, of the wire's name, is iceoryx2's,
-//! costs either side several calls, and is rung by every writer. So a reader waits for the futex. Once a sample has come
-//! that the futex was not rung for, it waits for the event, until the futex is rung again: the first sample of another kind
-//! of writer is late by one wait at the most. A bell can be missed, a sample never: every wait ends, and then its caller
-//! looks.
+//! costs either side several calls, and is rung by every writer. So a reader waits for the futex. Once two samples have come
+//! that the futex was not rung for, it waits for the event, until the futex is rung again: the first two samples of another
+//! kind of writer are late by one wait at the most. A bell can be missed, a sample never: every wait ends, and then
+//! its caller looks.
 //!
 //! What takes its writer some time, a frame, is heralded: all stages of its chain wake, look, and sleep again. Their code is
 //! in the caches and their processors are awake when it comes: at sensor rates a hop costs more for what is cold than for
@@ -33,6 +33,8 @@ use std::time::Duration;
 /// The event that a writer rings after each sample.
 pub(crate) const RING: usize = 0;
 const MAGIC: u64 = u64::from_le_bytes(*b"TERRAB02");
+/// Samples without a stroke after which a reader waits for the event. After one, its writer may be about to ring.
+const UNRUNG: u32 = 2;
 const SAMPLES: usize = 1;
 const HERALDS: usize = 2;
 const WORDS: usize = 3;
@@ -226,6 +228,8 @@ pub(crate) struct Ear {
     found: Cell<bool>,
     /// Strokes at the last wait.
     waited: Cell<Option<u32>>,
+    /// Waits since the last stroke before which a sample had been found.
+    unrung: Cell<u32>,
     /// While samples come that the futex is not rung for.
     listener: RefCell<Option<Listener<ipc::Service>>>,
 }
@@ -239,6 +243,7 @@ impl Ear {
             heard: Cell::new((0, 0)),
             found: Cell::new(false),
             waited: Cell::new(None),
+            unrung: Cell::new(0),
             listener: RefCell::new(None),
         }
     }
@@ -303,13 +308,19 @@ impl Ear {
             .waited
             .replace(Some(strokes))
             .is_none_or(|before| before != strokes);
+        let found = u32::from(self.found.take());
+        self.unrung.set(if rung {
+            0
+        } else {
+            self.unrung.get().saturating_add(found)
+        });
         let mut listener = self.listener.borrow_mut();
-        match (self.found.take() && !rung, rung, &*listener) {
-            (true, _, None) => {
+        match (self.unrung.get(), &*listener) {
+            (0, Some(_)) => *listener = None,
+            (UNRUNG.., None) => {
                 let made = self.event.listener_builder().create();
                 *listener = Some(made.map_err(|error| format!("{error:?}"))?);
             }
-            (_, true, Some(_)) => *listener = None,
             _ => {}
         }
         Ok(())

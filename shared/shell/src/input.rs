@@ -40,6 +40,8 @@ struct Reader<T: Message> {
     subscriber: Subscriber<ipc::Service, T, ()>,
     ear: Ear,
     journal: Option<Journal>,
+    /// Memory for a sample of the journal, where there is one: it is free again once who was handed the last has let it go.
+    room: Option<Rc<T>>,
     /// Number, in the journal, of the sample that comes next.
     next: u64,
     /// What the wire has brought while samples before it are still to be read from the journal.
@@ -54,7 +56,7 @@ struct Reader<T: Message> {
 /// A sample: in shared memory, or a copy from the journal.
 enum Received<T: Message> {
     Lent(Sample<T>),
-    Kept(Box<T>),
+    Kept(Rc<T>),
 }
 
 impl<T: Message> Deref for Received<T> {
@@ -84,10 +86,12 @@ impl<T: Message> Reader<T> {
         let subscriber = set(opened.samples.subscriber_builder())
             .create()
             .map_err(|error| failed(&error))?;
+        let room = opened.journal.is_some().then(|| zeroed(wire)).transpose()?;
         Ok(Self {
             subscriber,
             ear: Ear::new(opened.bell, opened.event),
             journal: opened.journal,
+            room: room.map(Rc::from),
             next: 0,
             held: None,
             last: None,
@@ -136,7 +140,7 @@ impl<T: Message> Reader<T> {
     }
 
     /// The next sample of the journal, unless it is the one that the wire has `brought`.
-    fn missed(&mut self, brought: Option<&Header>) -> Option<Box<T>> {
+    fn missed(&mut self, brought: Option<&Header>) -> Option<Rc<T>> {
         let journal = self.journal.as_ref()?;
         let numbers = journal.numbers();
         self.next = self.next.max(numbers.start);
@@ -147,8 +151,15 @@ impl<T: Message> Reader<T> {
             if brought == Some(&header) {
                 return None;
             }
-            if !self.is_repeat(&header) {
-                return journal.read(number);
+            if self.is_repeat(&header) {
+                continue;
+            }
+            let kept = match self.room.as_mut().and_then(Rc::get_mut) {
+                Some(room) => journal.read_into(number, room).then(|| self.room.clone()).flatten(),
+                None => journal.read(number).map(Rc::from),
+            };
+            if kept.is_some() {
+                return kept;
             }
         }
         None
@@ -280,8 +291,7 @@ pub struct Input<T: Message> {
 impl<T: Message> Input<T> {
     /// `head` is the wire with which the chain begins.
     pub(crate) fn open(domain: &Domain, wire: &str, head: &str, attention: Rc<Attention>) -> Result<Self, Error> {
-        let substitute =
-            T::new_box_zeroed().map_err(|_| Error::internal(format!("no memory for a sample of wire {wire}")))?;
+        let substitute = zeroed(wire)?;
         let reader = Reader::open(domain, wire)?;
         if domain.mode() == Mode::Live {
             reader.ear.mind(domain.bell(head)?);
@@ -463,6 +473,11 @@ impl<T: Message> Observation<T> {
             queue.reader.borrow().wait()?;
         }
     }
+}
+
+/// A sample of nothing but zeros.
+fn zeroed<T: Message>(wire: &str) -> Result<Box<T>, Error> {
+    T::new_box_zeroed().map_err(|_| Error::internal(format!("no memory for a sample of wire {wire}")))
 }
 
 /// An empty queue whose memory is there already: no page has to be fetched for it later.

@@ -123,7 +123,12 @@ impl Journal {
     /// The sample of this number; `None` where it has been overwritten.
     pub(crate) fn read<T: Message>(&self, number: u64) -> Option<Box<T>> {
         let mut sample = T::new_box_zeroed().ok()?;
-        self.copy(number, sample.as_mut_bytes()).then_some(sample)
+        self.read_into(number, sample.as_mut()).then_some(sample)
+    }
+
+    /// The same, into memory that is there. Whether it could be read: `sample` means nothing where not.
+    pub(crate) fn read_into<T: Message>(&self, number: u64, sample: &mut T) -> bool {
+        self.copy(number, sample.as_mut_bytes())
     }
 
     /// The header of the sample of this number; `None` where it has been overwritten.
