@@ -65,7 +65,12 @@ impl Rover {
 
     /// Starts the launcher.
     pub fn start(&mut self) {
-        let log = std::fs::File::create(self.folder.path().join("log")).unwrap();
+        self.start_telling(&self.folder.path().join("log"));
+    }
+
+    /// The same, with another file as its log.
+    pub fn start_telling(&mut self, log: &Path) {
+        let log = std::fs::File::create(log).unwrap();
         let child = Command::new(program("terrasense"))
             .args(["up", &self.file()])
             .stdin(Stdio::null())

@@ -4,6 +4,7 @@ use crate::replacement::python_sinkage;
 use crate::rover::{Rover, lives, pid, signal, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
+use std::path::Path;
 
 const SERVICES: [&str; 6] = [
     "camera",
@@ -109,6 +110,55 @@ fn a_stage_slower_than_its_input_leaves_out_what_is_old_and_that_is_counted() {
     assert_eq!(rover.down(), Some(0), "{}", rover.log());
 }
 
+#[test]
+fn a_restart_that_shared_memory_has_no_room_for_is_tried_again_and_the_others_go_on() {
+    let mut rover = Rover::new(|text| text);
+    rover.up();
+    let before = rover.rows();
+    // What is written into the system's folder begins as this file.
+    let folder = format!("/dev/shm/terrasense-{}", rover.name);
+    let obstacle = format!("{folder}/new");
+    std::fs::create_dir(&obstacle).unwrap();
+    signal(pid(&rover.row("sinkage")), Signal::KILL);
+    let log = rover.folder.path().join("log");
+    wait_until("it is tried more than once", || {
+        let log = std::fs::read_to_string(&log).unwrap();
+        log.matches(&format!("sinkage: {folder}/sinkage.generation: ")).count() > 1
+    });
+    std::fs::remove_dir(&obstacle).unwrap();
+    let after = rover.until("sinkage is back", |rows| {
+        rows.iter().all(|row| row["state"] == "running")
+    });
+    for (before, after) in before.iter().zip(&after).filter(|(row, _)| row["service"] != "sinkage") {
+        assert_eq!(before["pid"], after["pid"], "{}", rover.log());
+    }
+    assert_eq!(rover.down(), Some(0), "{}", rover.log());
+}
+
+#[test]
+fn a_log_that_nobody_can_take_ends_nothing() {
+    let mut rover = Rover::new(|text| text);
+    rover.start_telling(Path::new("/dev/full"));
+    rover.until("all run", |rows| rows.iter().all(|row| row["state"] == "running"));
+    let old = pid(&rover.row("sinkage"));
+    signal(old, Signal::KILL);
+    rover.until("sinkage is back", |rows| {
+        rows.iter()
+            .any(|row| row["service"] == "sinkage" && row["state"] == "running" && pid(row) != old)
+    });
+    assert_eq!(rover.down(), Some(0));
+}
+
+#[test]
+fn a_terminal_that_is_closed_ends_a_system_in_order() {
+    let mut rover = Rover::new(|text| text);
+    rover.up();
+    let mut launcher = rover.launcher.take().unwrap();
+    signal(launcher.id(), Signal::HUP);
+    assert_eq!(launcher.wait().unwrap().code(), Some(0), "{}", rover.log());
+    assert_eq!(rover.traces(), [""; 0]);
+}
+
 /// How many cycles each service is charged with.
 fn missed(rows: &[Value]) -> Vec<(&str, u64)> {
     let charged = rows
@@ -175,7 +225,7 @@ fn a_slow_replacement_is_charged_with_every_cycle_and_no_other_stage_is() {
     let script = format!(
         "import sys, time; sys.path.insert(0, '{}'); import sinkage; answer = sinkage.answer; sinkage.answer = lambda *about: \
          (time.sleep(0.7), answer(*about))[1]; sinkage.terrasense_shell.main(sinkage.service)",
-        std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("peers").display()
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("peers").display()
     );
     let [python, _] = python_sinkage();
     let exec = format!("exec = {:?}", [&python, "-B", "-c", &script]);

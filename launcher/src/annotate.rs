@@ -111,7 +111,7 @@ pub fn run(arguments: &AnnotateArguments) -> Result<ExitCode, Error> {
     for (sequence, (file, wheel)) in pictures.iter().zip(&wheels).enumerate() {
         let path = folder.join(file);
         let Some(wheel) = wheel else {
-            eprintln!(
+            shell::tell!(
                 "terrasense: {}: no wheel found of {} to {} of the picture's smaller side in radius; left out",
                 path.display(),
                 RADII.0,
@@ -165,7 +165,7 @@ fn agree(folder: &Path, files: &[String]) -> Result<Vec<Option<Wheel>>, Error> {
         let found: Vec<Wheel> = members.iter().filter_map(|index| wheels[*index]).collect();
         let Some(usual) = usual(&found) else {
             if found.len() > 1 {
-                eprintln!(
+                shell::tell!(
                     "terrasense: {}: no two pictures agree on the wheel's size; check each",
                     folder.display()
                 );
@@ -190,9 +190,9 @@ fn agree(folder: &Path, files: &[String]) -> Result<Vec<Option<Wheel>>, Error> {
             let doubted = after.is_some_and(|wheel| wheel.strength < WEAK * usual.strength);
             let path = folder.join(&files[index]);
             if doubted {
-                eprintln!("terrasense: {}: the wheel is hardly seen; check it", path.display());
+                shell::tell!("terrasense: {}: the wheel is hardly seen; check it", path.display());
             } else if !agrees {
-                eprintln!(
+                shell::tell!(
                     "terrasense: {}: disagreed on the wheel's size; searched again with that of the others, check it",
                     path.display()
                 );

@@ -39,7 +39,7 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Error> {
     let mut alive = true;
     say(&mut supervisor);
     if !termination.requested() {
-        eprintln!(
+        shell::tell!(
             "terrasense: up; `terrasense status --name {}` shows how it is doing",
             name_of(&supervisor)
         );
@@ -58,7 +58,7 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Error> {
     if !alive {
         return Err(Error::internal("every service has ended; see above why"));
     }
-    eprintln!("terrasense: stopped");
+    shell::tell!("terrasense: stopped");
     Ok(ExitCode::SUCCESS)
 }
 
@@ -177,7 +177,7 @@ pub fn listen() -> Result<Termination, Error> {
 /// Prints what has happened since the last call.
 pub fn say(supervisor: &mut Supervisor) {
     for line in supervisor.take_log() {
-        eprintln!("terrasense: {line}");
+        shell::tell!("terrasense: {line}");
     }
 }
 

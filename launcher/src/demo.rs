@@ -70,7 +70,7 @@ pub fn run(arguments: &DemoArguments) -> Result<ExitCode, Error> {
         ..simulation::Config::default()
     };
     let mut tally = Tally::new(Rover::new(rover), supervisor.started_ns());
-    eprintln!(
+    shell::tell!(
         "terrasense: a simulated rover drives for {} s; every service is a process of its own",
         arguments.seconds
     );
@@ -339,7 +339,7 @@ impl Screen {
     fn take_log(&mut self, supervisor: &mut Supervisor) {
         for line in supervisor.take_log() {
             if !self.terminal {
-                eprintln!("terrasense: {line}");
+                shell::tell!("terrasense: {line}");
             }
             if self.log.len() == LOG_LINES {
                 self.log.pop_front();

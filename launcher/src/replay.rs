@@ -94,7 +94,7 @@ pub fn run(arguments: &ReplayArguments) -> Result<ExitCode, Error> {
         recording.finish()?;
     }
     if blind > 0 {
-        eprintln!(
+        shell::tell!(
             "terrasense: {blind} pictures could not be read: the camera says above why, and frames.csv and sinkage.csv say \
              input_rejected, or no_data where there is no file"
         );
@@ -116,7 +116,7 @@ fn draw(arguments: &ReplayArguments, parts: Parts) -> Result<(), Error> {
             println!("{what:<24} {:>13}  {}", "plot", path.display());
         }
         if drawn.iter().all(|(_, path)| path.is_none()) {
-            eprintln!("terrasense: nothing to plot: this replay has neither soil nor sinkage");
+            shell::tell!("terrasense: nothing to plot: this replay has neither soil nor sinkage");
         }
     }
     if arguments.overlay && parts.frames {
@@ -242,7 +242,7 @@ fn parts(folder: &Path) -> Result<Parts, Error> {
         )));
     }
     if parts.frames && parts.sinkage {
-        eprintln!("terrasense: the traverse has pictures; its measured sinkage.csv is not used");
+        shell::tell!("terrasense: the traverse has pictures; its measured sinkage.csv is not used");
     }
     Ok(parts)
 }

@@ -15,6 +15,8 @@ use shell::{
     Domain, Error, HeldWire, Mode, Output, Port, RELEASE, Role, SUPERVISION_WIRE, Termination, now_ns, sleep_until,
 };
 use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use succession::{Former, Succession};
 use wires::Wires;
 use zerocopy::FromZeros;
@@ -52,6 +54,8 @@ pub struct Supervisor {
     report: Output<Supervision>,
     reported_ns: u64,
     log: Vec<String>,
+    /// Whether a child has ended since the last look began.
+    child_ended: Arc<AtomicBool>,
     domain: Domain,
     _supervision: HeldWire,
     termination: Termination,
@@ -98,7 +102,7 @@ impl Supervisor {
         let root = Root::take(&system.file)?;
         // A copy: what a person edits in the file counts from `terrasense apply` on, not from a service's next restart.
         let system_path = root.write(SYSTEM_FILE, &system.file.text)?;
-        shell::wake_when_children_end().map_err(|error| Error::internal(error.to_string()))?;
+        let child_ended = shell::wake_when_children_end().map_err(|error| Error::internal(error.to_string()))?;
         let domain = Domain::enter(&system.file, "launcher")?;
         let wires = Wires::make(&system, &domain)?;
         let supervision = domain.create_supervision()?;
@@ -132,6 +136,7 @@ impl Supervisor {
             report,
             reported_ns: 0,
             log: Vec::new(),
+            child_ended,
             domain,
             _supervision: supervision,
             termination,
@@ -171,7 +176,10 @@ impl Supervisor {
                 (false, true) => CALM_TICK_NS,
                 (false, false) => TICK_NS,
             };
-            sleep_until(now_ns() + pause_ns);
+            // Who ends between its look and the sleep is not slept over.
+            if !self.child_ended.load(Ordering::Relaxed) {
+                sleep_until(now_ns() + pause_ns);
+            }
         }
         Ok(())
     }
@@ -279,6 +287,7 @@ impl Supervisor {
     }
 
     fn look(&mut self, on_sample: &mut impl FnMut(Seen<'_>)) -> Result<usize, Error> {
+        self.child_ended.store(false, Ordering::Relaxed);
         let mut succession = self.succession.take();
         let seen = self.drain(&mut |seen| {
             succession.iter_mut().for_each(|succession| succession.see(&seen));
@@ -341,9 +350,9 @@ impl Supervisor {
         let arguments = table.exec.get_ref()[1..].to_vec();
         let program = self.system.programs[name].clone();
         let generation = self.services[name].generation + 1;
-        self.root
-            .write(&format!("{name}.generation"), &generation.to_string())?;
-        let process = Process::start(&program, &arguments, &self.system_path, name);
+        // Where shared memory is full it is tried again, as the policy has it, and the others go on.
+        let noted = self.root.write(&format!("{name}.generation"), &generation.to_string());
+        let process = noted.and_then(|_| Process::start(&program, &arguments, &self.system_path, name));
         let service = self.service(name);
         service.generation = generation;
         service.started_ns = now_ns();

@@ -26,7 +26,8 @@ fn main() -> ExitCode {
                     let png = shell.read(&camera.path(&row)).map_err(|error| error.to_string());
                     frames.send_with(|frame| {
                         let filled = camera.fill(&row, png.as_deref().map_err(Clone::clone), frame);
-                        filled.unwrap_or_else(|why| eprintln!("camera: {why}; the frame goes out without a picture"));
+                        filled
+                            .unwrap_or_else(|why| shell::tell!("camera: {why}; the frame goes out without a picture"));
                         Ok(())
                     })?;
                 }

@@ -97,7 +97,7 @@ impl Error {
     #[must_use]
     pub fn exit(&self, program: &str) -> ExitCode {
         if self.kind != Kind::Checked {
-            eprintln!("{program}: {}", self.text);
+            crate::tell!("{program}: {}", self.text);
         }
         ExitCode::from(self.code())
     }

@@ -26,6 +26,8 @@ const COPIED_MAX: usize = 16 << 10;
 const FUTURE_MAX_NS: u64 = 1_000_000_000;
 /// Observations that wait for their trigger at the most. A replay's sources run ahead by as much; beyond, they are stopped.
 const OBSERVATIONS_MAX: usize = 1_000_000;
+/// The same on board, where the oldest give way: ten seconds between two triggers at a kilohertz, and more.
+const OBSERVATIONS_LIVE_MAX: usize = 16 << 10;
 /// Time for which samples may come later and later before a stage skips to the newest [ns]. A burst is over sooner.
 const FALLING_BEHIND_MAX_NS: u64 = 250_000_000;
 /// Observations that can wait without memory being asked for.
@@ -216,7 +218,7 @@ impl<T: Message> Reader<T> {
         }
         if let Err(why) = verdict {
             if self.bad.is_power_of_two() || self.bad == 0 {
-                eprintln!("wire {}: bad sample {}: {why}", self.wire, self.bad + 1);
+                crate::tell!("wire {}: bad sample {}: {why}", self.wire, self.bad + 1);
             }
             self.bad += 1;
         }
@@ -375,7 +377,7 @@ impl<T: Message> Input<T> {
         self.skipped += 1 + self.reader.skip_to_newest()?;
         if before.checked_ilog2() != self.skipped.checked_ilog2() {
             let (wire, skipped) = (&self.reader.wire, self.skipped);
-            eprintln!("wire {wire}: slower than its samples come; {skipped} left out so far for newer ones");
+            crate::tell!("wire {wire}: slower than its samples come; {skipped} left out so far for newer ones");
         }
         Ok(())
     }
@@ -398,8 +400,20 @@ pub struct Observation<T: Message> {
 struct Observed<T: Message> {
     reader: RefCell<Reader<T>>,
     pending: RefCell<VecDeque<T>>,
+    /// Observations that were left out for newer ones.
+    left_out: Cell<u64>,
     ended: Cell<bool>,
     taken: Cell<Header>,
+}
+
+impl<T: Message> Observed<T> {
+    fn note_left_out(&self, wire: &str) {
+        let count = self.left_out.get() + 1;
+        self.left_out.set(count);
+        if count.is_power_of_two() {
+            crate::tell!("wire {wire}: no trigger asks for its samples; {count} left out so far for newer ones");
+        }
+    }
 }
 
 impl<T: Message> Queue for Observed<T> {
@@ -410,6 +424,10 @@ impl<T: Message> Queue for Observed<T> {
             if sample.header().status == Status::ENDED {
                 self.ended.set(true);
             } else if reader.admits(&sample) {
+                if reader.mode == Mode::Live && pending.len() >= OBSERVATIONS_LIVE_MAX {
+                    pending.pop_front();
+                    self.note_left_out(&reader.wire);
+                }
                 // Any bytes of this length are a valid sample.
                 pending.extend(T::read_from_bytes(sample.as_bytes()));
             }
@@ -436,6 +454,7 @@ impl<T: Message> Observation<T> {
                 Ok(Rc::new(Observed {
                     reader,
                     pending,
+                    left_out: Cell::new(0),
                     ended: Cell::new(false),
                     taken: Cell::new(Header::default()),
                 }))

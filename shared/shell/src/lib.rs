@@ -23,6 +23,16 @@
 //! }
 //! ```
 
+/// Writes a line to standard error. Where nobody can take it, on a full disk or after the terminal has been closed, the line
+/// is lost, and nothing else: `eprintln!` would end the process.
+#[macro_export]
+macro_rules! tell {
+    ($($words:tt)*) => {{
+        use std::io::Write;
+        let _ = writeln!(std::io::stderr(), $($words)*);
+    }};
+}
+
 mod bell;
 mod checkpoint;
 mod clock;

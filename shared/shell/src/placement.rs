@@ -90,14 +90,14 @@ pub(crate) fn apply(system: &SystemFile, name: &str) -> Result<(), Error> {
         (Err(why), OnRefusal::Refuse) => Err(system.error_at(span, &why)),
         (Err(why), OnRefusal::Warn) => {
             let warning = system.error_at(span, &why);
-            eprintln!("service {name}: {warning}; it goes on without (on_refusal = \"warn\")");
+            crate::tell!("service {name}: {warning}; it goes on without (on_refusal = \"warn\")");
             Ok(())
         }
     };
     if let Some(cpus) = &table.cpus {
         judge(cpus.span(), run_on(cpus.get_ref()))?;
     } else if let Err(why) = keep_chains_together(system, name) {
-        eprintln!("service {name}: {why}; it goes on where the kernel sees fit");
+        crate::tell!("service {name}: {why}; it goes on where the kernel sees fit");
     }
     if let Some(sched) = &table.sched {
         judge(sched.span(), schedule(*sched.get_ref()))?;

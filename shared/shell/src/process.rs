@@ -27,13 +27,14 @@ pub fn bind_to_parent(command: &mut Command) {
     }
 }
 
-/// Lets the end of a child end this process's sleep: what is to be done about it is done at once.
+/// Lets the end of a child end this process's sleep, and set this flag: what is to be done about it is done at once.
 ///
 /// # Errors
 /// The system refuses to take a handler.
-pub fn wake_when_children_end() -> std::io::Result<()> {
-    let nobody_looks = Arc::new(AtomicBool::new(false));
-    signal_hook::flag::register(signal_hook::consts::SIGCHLD, nobody_looks).map(|_| ())
+pub fn wake_when_children_end() -> std::io::Result<Arc<AtomicBool>> {
+    let ended = Arc::new(AtomicBool::new(false));
+    signal_hook::flag::register(signal_hook::consts::SIGCHLD, ended.clone())?;
+    Ok(ended)
 }
 
 /// Keeps every descriptor that is open now, but for standard input, output and error, from being inherited.
