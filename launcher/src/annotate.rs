@@ -111,12 +111,12 @@ pub fn run(arguments: &AnnotateArguments) -> Result<ExitCode, Error> {
     for (sequence, (file, wheel)) in pictures.iter().zip(&wheels).enumerate() {
         let path = folder.join(file);
         let Some(wheel) = wheel else {
-            shell::tell!(
+            shell::tell(format_args!(
                 "terrasense: {}: no wheel found of {} to {} of the picture's smaller side in radius; left out",
                 path.display(),
                 RADII.0,
                 RADII.1
-            );
+            ));
             missing += 1;
             continue;
         };
@@ -165,10 +165,10 @@ fn agree(folder: &Path, files: &[String]) -> Result<Vec<Option<Wheel>>, Error> {
         let found: Vec<Wheel> = members.iter().filter_map(|index| wheels[*index]).collect();
         let Some(usual) = usual(&found) else {
             if found.len() > 1 {
-                shell::tell!(
+                shell::tell(format_args!(
                     "terrasense: {}: no two pictures agree on the wheel's size; check each",
                     folder.display()
-                );
+                ));
             }
             continue;
         };
@@ -190,12 +190,15 @@ fn agree(folder: &Path, files: &[String]) -> Result<Vec<Option<Wheel>>, Error> {
             let doubted = after.is_some_and(|wheel| wheel.strength < WEAK * usual.strength);
             let path = folder.join(&files[index]);
             if doubted {
-                shell::tell!("terrasense: {}: the wheel is hardly seen; check it", path.display());
+                shell::tell(format_args!(
+                    "terrasense: {}: the wheel is hardly seen; check it",
+                    path.display()
+                ));
             } else if !agrees {
-                shell::tell!(
+                shell::tell(format_args!(
                     "terrasense: {}: disagreed on the wheel's size; searched again with that of the others, check it",
                     path.display()
-                );
+                ));
             }
             wheels[index] = after;
         }

@@ -39,10 +39,10 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Error> {
     let mut alive = true;
     say(&mut supervisor);
     if !termination.requested() {
-        shell::tell!(
+        shell::tell(format_args!(
             "terrasense: up; `terrasense status --name {}` shows how it is doing",
             name_of(&supervisor)
-        );
+        ));
     }
     while alive && !termination.requested() {
         supervisor.tick(|_| ())?;
@@ -58,7 +58,7 @@ pub fn up(arguments: &UpArguments) -> Result<ExitCode, Error> {
     if !alive {
         return Err(Error::internal("every service has ended; see above why"));
     }
-    shell::tell!("terrasense: stopped");
+    shell::tell(format_args!("terrasense: stopped"));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -177,7 +177,7 @@ pub fn listen() -> Result<Termination, Error> {
 /// Prints what has happened since the last call.
 pub fn say(supervisor: &mut Supervisor) {
     for line in supervisor.take_log() {
-        shell::tell!("terrasense: {line}");
+        shell::tell(format_args!("terrasense: {line}"));
     }
 }
 

@@ -70,10 +70,10 @@ pub fn run(arguments: &DemoArguments) -> Result<ExitCode, Error> {
         ..simulation::Config::default()
     };
     let mut tally = Tally::new(Rover::new(rover), supervisor.started_ns());
-    shell::tell!(
+    shell::tell(format_args!(
         "terrasense: a simulated rover drives for {} s; every service is a process of its own",
         arguments.seconds
-    );
+    ));
     supervisor.start(|seen| tally.see(seen))?;
     let mut screen = Screen::new();
     let until_ns = now_ns() + arguments.seconds * 1_000_000_000;
@@ -339,7 +339,7 @@ impl Screen {
     fn take_log(&mut self, supervisor: &mut Supervisor) {
         for line in supervisor.take_log() {
             if !self.terminal {
-                shell::tell!("terrasense: {line}");
+                shell::tell(format_args!("terrasense: {line}"));
             }
             if self.log.len() == LOG_LINES {
                 self.log.pop_front();

@@ -94,10 +94,10 @@ pub fn run(arguments: &ReplayArguments) -> Result<ExitCode, Error> {
         recording.finish()?;
     }
     if blind > 0 {
-        shell::tell!(
+        shell::tell(format_args!(
             "terrasense: {blind} pictures could not be read: the camera says above why, and frames.csv and sinkage.csv say \
              input_rejected, or no_data where there is no file"
-        );
+        ));
     }
     draw(arguments, parts)?;
     Ok(ExitCode::SUCCESS)
@@ -116,7 +116,9 @@ fn draw(arguments: &ReplayArguments, parts: Parts) -> Result<(), Error> {
             println!("{what:<24} {:>13}  {}", "plot", path.display());
         }
         if drawn.iter().all(|(_, path)| path.is_none()) {
-            shell::tell!("terrasense: nothing to plot: this replay has neither soil nor sinkage");
+            shell::tell(format_args!(
+                "terrasense: nothing to plot: this replay has neither soil nor sinkage"
+            ));
         }
     }
     if arguments.overlay && parts.frames {
@@ -242,7 +244,9 @@ fn parts(folder: &Path) -> Result<Parts, Error> {
         )));
     }
     if parts.frames && parts.sinkage {
-        shell::tell!("terrasense: the traverse has pictures; its measured sinkage.csv is not used");
+        shell::tell(format_args!(
+            "terrasense: the traverse has pictures; its measured sinkage.csv is not used"
+        ));
     }
     Ok(parts)
 }

@@ -199,10 +199,10 @@ fn carry_out(name: &str, request: &SwapRequest, as_json: bool) -> Result<ExitCod
         match reply {
             Reply::Refused(why) => {
                 refused = true;
-                shell::tell!("{}: refused: {why}; the old one goes on", request.service);
+                shell::tell(format_args!("{}: refused: {why}; the old one goes on", request.service));
             }
             _ if as_json => {}
-            Reply::Progress(text) => shell::tell!("{}: {text}", request.service),
+            Reply::Progress(text) => shell::tell(format_args!("{}: {text}", request.service)),
             Reply::Rehearsed(rehearsed) => println!("{}", table(&rehearsed)),
             Reply::Promoted(sequence) => println!("{}: the new one answers from cycle {sequence} on", request.service),
             Reply::Stays => println!("{}: a rehearsal only; the old one stays", request.service),

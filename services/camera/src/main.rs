@@ -2,7 +2,7 @@
 
 use camera::{Config, RecordedCamera, SimulatedCamera};
 use messages::Frame;
-use shell::Error;
+use shell::{Error, tell};
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -26,8 +26,7 @@ fn main() -> ExitCode {
                     let png = shell.read(&camera.path(&row)).map_err(|error| error.to_string());
                     frames.send_with(|frame| {
                         let filled = camera.fill(&row, png.as_deref().map_err(Clone::clone), frame);
-                        filled
-                            .unwrap_or_else(|why| shell::tell!("camera: {why}; the frame goes out without a picture"));
+                        filled.unwrap_or_else(|why| tell(format!("camera: {why}; the frame goes without a picture")));
                         Ok(())
                     })?;
                 }

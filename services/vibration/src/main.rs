@@ -24,7 +24,7 @@ fn main() -> ExitCode {
                 if let Err(why) = classifier.check_fit(piece) {
                     match &config.model {
                         Some(path) => return Err(Error::config(format!("{path}: {why}"))),
-                        None => shell::tell!("{why}; train a model: terrasense vibration train"),
+                        None => shell::tell(format_args!("{why}; train a model: terrasense vibration train")),
                     }
                 }
             }

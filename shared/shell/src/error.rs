@@ -1,6 +1,7 @@
 //! What went wrong, in a sentence that names the way out, and the exit code that a script can tell it by.
 
 use std::fmt;
+use std::io::Write;
 use std::process::ExitCode;
 
 /// An error that ends a process.
@@ -97,10 +98,16 @@ impl Error {
     #[must_use]
     pub fn exit(&self, program: &str) -> ExitCode {
         if self.kind != Kind::Checked {
-            crate::tell!("{program}: {}", self.text);
+            tell(format_args!("{program}: {}", self.text));
         }
         ExitCode::from(self.code())
     }
+}
+
+/// Writes a line to standard error. Where nobody can take it, on a full disk or after the terminal has been closed, the line
+/// is lost, and nothing else: `eprintln!` would end the process.
+pub fn tell(line: impl fmt::Display) {
+    let _ = writeln!(std::io::stderr(), "{line}");
 }
 
 impl fmt::Display for Error {

@@ -5,7 +5,7 @@ use crate::checkpoint::OBSERVED_MAX;
 use crate::journal::{Journal, repeats};
 use crate::termination::Termination;
 use crate::wire::Domain;
-use crate::{Error, Mode, now_ns};
+use crate::{Error, Mode, now_ns, tell};
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 use iceoryx2::service::port_factory::subscriber::PortFactorySubscriber;
@@ -218,7 +218,7 @@ impl<T: Message> Reader<T> {
         }
         if let Err(why) = verdict {
             if self.bad.is_power_of_two() || self.bad == 0 {
-                crate::tell!("wire {}: bad sample {}: {why}", self.wire, self.bad + 1);
+                tell(format_args!("wire {}: bad sample {}: {why}", self.wire, self.bad + 1));
             }
             self.bad += 1;
         }
@@ -377,7 +377,9 @@ impl<T: Message> Input<T> {
         self.skipped += 1 + self.reader.skip_to_newest()?;
         if before.checked_ilog2() != self.skipped.checked_ilog2() {
             let (wire, skipped) = (&self.reader.wire, self.skipped);
-            crate::tell!("wire {wire}: slower than its samples come; {skipped} left out so far for newer ones");
+            tell(format_args!(
+                "wire {wire}: slower than its samples come; {skipped} left out so far for newer ones"
+            ));
         }
         Ok(())
     }
@@ -411,7 +413,9 @@ impl<T: Message> Observed<T> {
         let count = self.left_out.get() + 1;
         self.left_out.set(count);
         if count.is_power_of_two() {
-            crate::tell!("wire {wire}: no trigger asks for its samples; {count} left out so far for newer ones");
+            tell(format_args!(
+                "wire {wire}: no trigger asks for its samples; {count} left out so far for newer ones"
+            ));
         }
     }
 }

@@ -23,16 +23,6 @@
 //! }
 //! ```
 
-/// Writes a line to standard error. Where nobody can take it, on a full disk or after the terminal has been closed, the line
-/// is lost, and nothing else: `eprintln!` would end the process.
-#[macro_export]
-macro_rules! tell {
-    ($($words:tt)*) => {{
-        use std::io::Write;
-        let _ = writeln!(std::io::stderr(), $($words)*);
-    }};
-}
-
 mod bell;
 mod checkpoint;
 mod clock;
@@ -48,7 +38,7 @@ mod termination;
 mod wire;
 
 pub use clock::{now_ns, sleep_until};
-pub use error::Error;
+pub use error::{Error, tell};
 pub use input::{Input, Observation, Tap};
 pub use output::Output;
 pub use placement::{Cpus, OnRefusal, Priority, Sched};

@@ -1,6 +1,6 @@
 //! On which processors a service runs, before whom, and whether its memory stays: what its table of the system file says.
 
-use crate::{Error, Mode, Port, SystemFile};
+use crate::{Error, Mode, Port, SystemFile, tell};
 use rustix::mm::MlockAllFlags;
 use rustix::process::{Resource, getrlimit};
 use rustix::thread::{CapabilitySet, CpuSet, capabilities, sched_getaffinity, sched_setaffinity};
@@ -90,14 +90,18 @@ pub(crate) fn apply(system: &SystemFile, name: &str) -> Result<(), Error> {
         (Err(why), OnRefusal::Refuse) => Err(system.error_at(span, &why)),
         (Err(why), OnRefusal::Warn) => {
             let warning = system.error_at(span, &why);
-            crate::tell!("service {name}: {warning}; it goes on without (on_refusal = \"warn\")");
+            tell(format_args!(
+                "service {name}: {warning}; it goes on without (on_refusal = \"warn\")"
+            ));
             Ok(())
         }
     };
     if let Some(cpus) = &table.cpus {
         judge(cpus.span(), run_on(cpus.get_ref()))?;
     } else if let Err(why) = keep_chains_together(system, name) {
-        crate::tell!("service {name}: {why}; it goes on where the kernel sees fit");
+        tell(format_args!(
+            "service {name}: {why}; it goes on where the kernel sees fit"
+        ));
     }
     if let Some(sched) = &table.sched {
         judge(sched.span(), schedule(*sched.get_ref()))?;
