@@ -2,12 +2,37 @@
 
 use crate::replacement::python_sinkage;
 use crate::rover::{Rover, lives, pid, program, signal, told, wait_until};
+use messages::{Header, Sinkage, Status};
 use rustix::process::Signal;
+use shell::{Domain, SystemFile, Termination, now_ns};
 
 /// `terrasense swap <options> <stage> -- <exec>`, and what it said.
 fn swap(name: &str, options: &[&str], stage: &str, exec: &[&str]) -> (i32, String) {
     let start = ["swap", "--name", name, "--cycles", "20"];
     told(&[&start, options, &[stage, "--"], exec].concat())
+}
+
+/// The `exec` of a service in the file that services read when they start.
+fn exec_of(rover: &Rover, service: &str) -> Vec<String> {
+    let file = SystemFile::read(&format!("/dev/shm/terrasense-{}/system.toml", rover.name)).unwrap();
+    file.services[service].exec.get_ref().clone()
+}
+
+/// Kills a stage that is on probation, and waits until the one before is back.
+fn kill_on_probation(rover: &mut Rover, stage: &str) {
+    let promoted = pid(&rover.row(stage));
+    signal(promoted, Signal::KILL);
+    rover.until("the old program is back", |rows| {
+        rows.iter()
+            .any(|row| row["service"] == stage && row["state"] == "running" && pid(row) != promoted)
+    });
+    assert!(
+        rover
+            .log()
+            .contains(&format!("{stage}: ended by signal 9 on probation; rolled back")),
+        "{}",
+        rover.log()
+    );
 }
 
 #[test]
@@ -84,19 +109,128 @@ fn a_replacement_that_dies_on_probation_is_rolled_back() {
         let (code, text) = swap(&name, &["--probation-s", "60"], "terramechanics", &["env", &own]);
         assert_eq!(code, 0, "{text}");
     });
-    let promoted = pid(&rover.row("terramechanics"));
-    signal(promoted, Signal::KILL);
-    rover.until("the old program is back", |rows| {
-        rows.iter()
-            .any(|row| row["service"] == "terramechanics" && row["state"] == "running" && pid(row) != promoted)
-    });
-    assert!(
-        rover
-            .log()
-            .contains("terramechanics: ended by signal 9 on probation; rolled back"),
-        "{}",
-        rover.log()
+    kill_on_probation(&mut rover, "terramechanics");
+}
+
+#[test]
+fn what_is_rolled_back_during_another_rehearsal_stays_so() {
+    let mut rover = Rover::new(|text| text);
+    rover.up();
+    let name = rover.name.clone();
+    let [terramechanics, sinkage] =
+        ["terramechanics", "sinkage"].map(|stage| program(&format!("terrasense-{stage}")).display().to_string());
+    let (code, text) = swap(
+        &name,
+        &["--probation-s", "600"],
+        "terramechanics",
+        &["env", &terramechanics],
     );
+    assert_eq!(code, 0, "{text}");
+    assert_eq!(exec_of(&rover, "terramechanics"), ["env", &terramechanics]);
+    let (code, text) = std::thread::scope(|scope| {
+        let swapping = scope.spawn(|| {
+            told(&[
+                "swap", "--name", &name, "--cycles", "200", "sinkage", "--", "env", &sinkage,
+            ])
+        });
+        let rehearses = |line: &str| line.contains("sinkage: ") && line.ends_with("rehearses beside it");
+        wait_until("the other one rehearses", || rover.log().lines().any(rehearses));
+        kill_on_probation(&mut rover, "terramechanics");
+        swapping.join().unwrap()
+    });
+    assert_eq!(code, 0, "{text}");
+    assert_eq!(exec_of(&rover, "sinkage"), ["env", &sinkage]);
+    assert_eq!(exec_of(&rover, "terramechanics"), ["terrasense-terramechanics"]);
+}
+
+#[test]
+fn a_swap_ends_the_probation_of_no_other_stage() {
+    let mut rover = Rover::new(|text| text);
+    rover.up();
+    let name = rover.name.clone();
+    for stage in ["terramechanics", "terrain"] {
+        let own = program(&format!("terrasense-{stage}")).display().to_string();
+        let (code, text) = swap(&name, &["--probation-s", "600"], stage, &["env", &own]);
+        assert_eq!(code, 0, "{text}");
+    }
+    kill_on_probation(&mut rover, "terramechanics");
+    assert_eq!(exec_of(&rover, "terramechanics"), ["terrasense-terramechanics"]);
+    assert_eq!(exec_of(&rover, "terrain")[0], "env", "only what died is rolled back");
+}
+
+#[test]
+fn a_stage_of_one_cycle_a_second_is_swapped() {
+    let mut rover = Rover::new(|text| text.replace("rate_hz = 30", "rate_hz = 1"));
+    rover.up();
+    let before = pid(&rover.row("sinkage"));
+    let name = rover.name.clone();
+    let own = program("terrasense-sinkage").display().to_string();
+    rover.without_losing_a_cycle(|| {
+        let (code, text) = told(&["swap", "--name", &name, "--cycles", "2", "sinkage", "--", &own]);
+        assert_eq!(code, 0, "{text}");
+    });
+    let row = rover.row("sinkage");
+    assert!(pid(&row) != before && row["restarts"] == 0, "{row}");
+}
+
+#[test]
+fn a_number_from_nowhere_keeps_no_stage_from_being_swapped() {
+    let mut rover = Rover::new(|text| text);
+    rover.up();
+    let domain = Domain::enter(&SystemFile::read(&rover.file()).unwrap(), "intruder").unwrap();
+    let intruder = domain
+        .output::<Sinkage>("front/sinkage", &Termination::listen().unwrap())
+        .unwrap();
+    let wild = Sinkage::unknown(Header {
+        sequence: u64::MAX - 1,
+        taken_ns: now_ns(),
+        status: Status::OK,
+        ..Header::default()
+    });
+    intruder.send(wild).unwrap();
+    let counted = |rows: &[serde_json::Value], what: &str| {
+        let row = rows.iter().find(|row| row["service"] == "sinkage").unwrap();
+        row[what].as_u64().unwrap()
+    };
+    let rows = rover.until("the launcher has seen it", |rows| {
+        counted(rows, "lost") >= u64::from(u32::MAX)
+    });
+    let cycles = counted(&rows, "published");
+    rover.until("cycles go on", |rows| counted(rows, "published") > cycles + 20);
+    let name = rover.name.clone();
+    for stage in ["sinkage", "terramechanics"] {
+        let before = pid(&rover.row(stage));
+        let own = program(&format!("terrasense-{stage}")).display().to_string();
+        let (code, text) = swap(&name, &[], stage, &[&own]);
+        assert_eq!(code, 0, "{text}\n{}", rover.log());
+        let row = rover.row(stage);
+        assert!(pid(&row) != before && row["restarts"] == 0, "{row}");
+    }
+}
+
+#[test]
+fn a_system_file_that_cannot_be_written_ends_nothing() {
+    let mut rover = Rover::new(|text| text);
+    rover.up();
+    let name = rover.name.clone();
+    let swap = |stage: &str| {
+        let own = program(&format!("terrasense-{stage}")).display().to_string();
+        let (code, text) = swap(&name, &[], stage, &["env", &own]);
+        assert_eq!(code, 0, "{text}");
+    };
+    // A folder in the file's place: nobody can write there, root neither.
+    let file = format!("/dev/shm/terrasense-{name}/system.toml");
+    std::fs::remove_file(&file).unwrap();
+    std::fs::create_dir(&file).unwrap();
+    swap("terramechanics");
+    assert!(rover.log().contains("system.toml: "), "{}", rover.log());
+    std::fs::remove_dir(&file).unwrap();
+    swap("terrain");
+    assert_eq!(
+        ["terramechanics", "terrain"].map(|stage| exec_of(&rover, stage)[0].clone()),
+        ["env", "env"]
+    );
+    assert_eq!(rover.down(), Some(0), "{}", rover.log());
 }
 
 #[test]

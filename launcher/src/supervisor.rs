@@ -45,8 +45,8 @@ pub struct Supervisor {
     system_path: String,
     ear: Ear,
     succession: Option<Succession>,
-    /// The predecessor of a service on probation.
-    former: Option<Former>,
+    /// The predecessors of the services on probation, by their names.
+    former: BTreeMap<String, Former>,
     /// Processes that are to end, and when they are made to.
     leaving: Vec<(Process, u64)>,
     services: BTreeMap<String, Service>,
@@ -130,7 +130,7 @@ impl Supervisor {
             system_path,
             ear: Ear::open(&root.folder)?,
             succession: None,
-            former: None,
+            former: BTreeMap::new(),
             leaving: Vec::new(),
             wires,
             report,

@@ -13,6 +13,9 @@ pub const LATENCY_MAX_NS: u64 = 3_600_000_000_000;
 /// Time the rate is taken over [ns].
 const RATE_SPAN_NS: u64 = 2_000_000_000;
 
+/// A number follows another if it is greater by no more.
+const FOLLOWING_MAX: u64 = CYCLES_REMEMBERED as u64;
+
 /// The counters of one wire.
 #[derive(Debug)]
 pub struct Watch {
@@ -34,7 +37,10 @@ pub struct Watch {
     sent: Vec<(u64, u64)>,
     arrivals: VecDeque<u64>,
     latencies: VecDeque<u64>,
+    /// The greatest number so far, the last one, and the newest that is believed; see [`Watch::newest`].
     sequence: Option<u64>,
+    last: Option<u64>,
+    newest: Option<u64>,
 }
 
 impl Default for Watch {
@@ -51,6 +57,8 @@ impl Default for Watch {
             arrivals: VecDeque::with_capacity(CYCLES_REMEMBERED),
             latencies: VecDeque::with_capacity(LATENCIES_REMEMBERED),
             sequence: None,
+            last: None,
+            newest: None,
         }
     }
 }
@@ -72,6 +80,11 @@ impl Watch {
                 .min(u64::from(u32::MAX));
         }
         self.sequence = Some(self.sequence.unwrap_or(0).max(header.sequence));
+        let follows = |before: u64| (1..=FOLLOWING_MAX).contains(&header.sequence.wrapping_sub(before));
+        if self.newest.is_none_or(follows) || self.last.is_some_and(follows) {
+            self.newest = Some(header.sequence);
+        }
+        self.last = Some(header.sequence);
         self.last_ns = header.published_ns;
         self.generation = header.generation;
         self.sent[place(header.sequence)] = (header.sequence, header.published_ns);
@@ -87,10 +100,11 @@ impl Watch {
         }
     }
 
-    /// The newest number.
+    /// The newest number that follows the one before, or the newest before it: anybody may write one number that leads
+    /// nowhere, and a source may number anew.
     #[must_use]
     pub fn newest(&self) -> Option<u64> {
-        self.sequence
+        self.newest
     }
 
     /// When the sample of this number was sent, if it is remembered.
@@ -160,6 +174,26 @@ mod tests {
             watch.see(&header(sequence, sequence), None);
         }
         assert_eq!((watch.published, watch.lost), (4, 2));
+    }
+
+    #[test]
+    fn the_newest_number_is_one_that_leads_on() {
+        let newest = |sequences: &[u64]| {
+            let mut watch = Watch::default();
+            for sequence in sequences {
+                watch.see(&header(*sequence, 0), None);
+            }
+            watch.newest()
+        };
+        assert_eq!(newest(&[]), None);
+        assert_eq!(newest(&[7]), Some(7));
+        assert_eq!(newest(&[7, 8, 11, 10]), Some(11), "cycles left out, and one overtaken");
+        assert_eq!(newest(&[7, 8, u64::MAX - 1]), Some(8), "a number from nowhere");
+        assert_eq!(newest(&[7, 8, u64::MAX - 1, 9]), Some(9));
+        assert_eq!(newest(&[u64::MAX - 1, 7, 8]), Some(8), "the first one as well");
+        assert_eq!(newest(&[7, 8, u64::MAX - 1, u64::MAX, 9, 10]), Some(10), "and two");
+        assert_eq!(newest(&[70_000, 70_001, 0, 1]), Some(1), "numbered anew");
+        assert_eq!(newest(&[7, 8, 70_000, 70_001]), Some(70_001), "after a long pause");
     }
 
     #[test]

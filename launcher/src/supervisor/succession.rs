@@ -10,7 +10,7 @@ use crate::watch::Watch;
 use messages::ServiceState;
 use shell::{AnyTap, Error, HeldWire, Mode, Port, REHEARSAL_CHECKPOINT, Role, SystemFile, now_ns};
 use std::path::PathBuf;
-use toml_edit::{Array, DocumentMut, Table, Value, value};
+use toml_edit::{Array, DocumentMut, Item, Table, Value, value};
 
 /// The candidate takes its turn so many cycles ahead at least, and so much time: both must see it coming.
 const CYCLES_AHEAD_MIN: u64 = 3;
@@ -19,6 +19,8 @@ const AHEAD_S: f64 = 0.1;
 const HAND_OVER_MAX_NS: u64 = 2000 * MS_NS;
 /// Time for the comparison, beyond what the cycles take at the incumbent's rate [ns].
 const PATIENCE_NS: u64 = 10_000 * MS_NS;
+/// A wire that is slower is waited for as if this were its rate [Hz].
+const RATE_MIN_HZ: f64 = 0.1;
 /// The system file that a candidate reads.
 const REHEARSAL_FILE: &str = "rehearsal.toml";
 
@@ -36,8 +38,6 @@ pub(super) struct Succession {
     program: PathBuf,
     generation: u32,
     started_ns: u64,
-    /// The system file once the candidate is promoted.
-    next_text: String,
     comparison: Comparison,
     phase: Phase,
 }
@@ -49,17 +49,17 @@ enum Phase {
     Comparing {
         since_ns: u64,
     },
-    /// The candidate writes from a certain cycle on.
+    /// The candidate writes from a certain cycle on, and is to have begun by a certain instant.
     HandingOver {
         sequence: u64,
-        since_ns: u64,
+        until_ns: u64,
     },
 }
 
-/// The incumbent that a promoted candidate has replaced, for as long as it is on probation.
+/// The incumbent that a promoted candidate has replaced, for as long as that one is on probation.
 pub(super) struct Former {
-    service: String,
-    text: String,
+    /// Its table of the system file. Other services' tables may have changed since.
+    table: Item,
     program: PathBuf,
     until_ns: u64,
 }
@@ -112,7 +112,9 @@ impl Supervisor {
         let generation = self.services[&name].generation + 1;
         // No two have the same: the last candidate may still be on its way out.
         let rehearsal_wire = format!("rehearsal/{}/{wire}", now_ns());
-        let (next_text, rehearsal_text) = self.texts(&request, port, &wire, &rehearsal_wire)?;
+        let rehearsal_text = self.rehearsal_text(&request, port, &wire, &rehearsal_wire)?;
+        // A wire has room for so many readers: none for killed ones from outside.
+        let _ = self.domain.clean();
         let rehearsal = self.domain.create(&rehearsal_wire, port)?;
         let tap = self.domain.tap(&rehearsal_wire, port)?;
         let file = self.root.write(REHEARSAL_FILE, &rehearsal_text)?;
@@ -140,7 +142,6 @@ impl Supervisor {
             program,
             generation,
             started_ns: now_ns(),
-            next_text,
             comparison,
             phase: Phase::Starting,
         })
@@ -176,35 +177,59 @@ impl Supervisor {
         Ok((port, (*wire).clone()))
     }
 
-    /// The system file with the candidate in the incumbent's place, and the same for its rehearsal.
-    fn texts(
+    /// The system file as it is now.
+    fn document(&self) -> Result<DocumentMut, Error> {
+        let text = &self.system.file.text;
+        text.parse()
+            .map_err(|error| Error::config(format!("{}: {error}", self.system.file.path)))
+    }
+
+    /// The same with the candidate in the incumbent's place.
+    fn document_with(&self, request: &SwapRequest) -> Result<DocumentMut, Error> {
+        let mut document = self.document()?;
+        let table = &mut document["service"][&request.service];
+        table["exec"] = value(request.exec.iter().collect::<Array>());
+        if let Some(config) = &request.config {
+            let config: Result<DocumentMut, _> = config.parse();
+            let config = config.map_err(|error| Error::config(format!("`{}`: {error}", request.service)))?;
+            table["config"] = value(config.as_table().clone().into_inline_table());
+        }
+        Ok(document)
+    }
+
+    /// The system file that the candidate reads.
+    fn rehearsal_text(
         &self,
         request: &SwapRequest,
         port: Port,
         wire: &str,
         rehearsal_wire: &str,
-    ) -> Result<(String, String), Error> {
-        let wrong = |error: &dyn std::fmt::Display| Error::config(format!("`{}`: {error}", request.service));
-        let mut document: DocumentMut = self.system.file.text.parse().map_err(|error| wrong(&error))?;
-        let table = &mut document["service"][&request.service];
-        table["exec"] = value(request.exec.iter().collect::<Array>());
-        if let Some(config) = &request.config {
-            let config: DocumentMut = config.parse().map_err(|error| wrong(&error))?;
-            table["config"] = value(config.as_table().clone().into_inline_table());
-        }
-        let next = document.to_string();
-        let name_of_port = port.name();
+    ) -> Result<String, Error> {
+        let mut document = self.document_with(request)?;
         let one = |wire: &str| {
             let mut wires = Table::new().into_inline_table();
-            wires.insert(name_of_port, Value::from(wire));
+            wires.insert(port.name(), Value::from(wire));
             value(wires)
         };
         let table = &mut document["service"][&request.service];
         table["outputs"] = one(rehearsal_wire);
         table["takes_over"] = one(wire);
-        let rehearsal = document.to_string();
-        SystemFile::parse(REHEARSAL_FILE, &rehearsal)?;
-        Ok((next, rehearsal))
+        let text = document.to_string();
+        SystemFile::parse(REHEARSAL_FILE, &text)?;
+        Ok(text)
+    }
+
+    /// Lets a system file count from now on. Where it cannot be written (the memory is full), the system goes on with the
+    /// one before in its folder, until the next that counts.
+    fn adopt(&mut self, document: &DocumentMut) -> Result<(), Error> {
+        let text = document.to_string();
+        self.system.file = SystemFile::parse(&self.system.file.path, &text)?;
+        if let Err(error) = self.root.write(SYSTEM_FILE, &text) {
+            self.say(format!(
+                "{error}; a service that starts before the next swap finds the configuration of before this one"
+            ));
+        }
+        Ok(())
     }
 
     fn go_on(&mut self, mut succession: Succession) -> Result<Option<Succession>, Error> {
@@ -230,7 +255,7 @@ impl Supervisor {
         match succession.phase {
             Phase::Starting => self.await_start(succession),
             Phase::Comparing { since_ns } => self.compare(succession, since_ns),
-            Phase::HandingOver { sequence, since_ns } => self.await_turn(succession, sequence, since_ns),
+            Phase::HandingOver { sequence, until_ns } => self.await_turn(succession, sequence, until_ns),
         }
     }
 
@@ -264,7 +289,7 @@ impl Supervisor {
         let counts = succession.comparison.counts();
         let wanted = succession.request.cycles;
         if counts.cycles < wanted {
-            let rate_hz = self.wires.of(&succession.wire).watch.rate_hz(now_ns()).max(0.1);
+            let rate_hz = self.wires.of(&succession.wire).watch.rate_hz(now_ns()).max(RATE_MIN_HZ);
             let longest_ns = PATIENCE_NS + (2e9 * wanted as f64 / rate_hz) as u64;
             if now_ns() - since_ns > longest_ns {
                 let said = format!("only {} of {wanted} cycles could be compared", counts.cycles);
@@ -289,19 +314,20 @@ impl Supervisor {
             }
             None => {}
         }
-        let watch = &self.wires.of(&succession.wire).watch;
-        let ahead = CYCLES_AHEAD_MIN.max((watch.rate_hz(now_ns()) * AHEAD_S).ceil() as u64);
-        let sequence = watch.newest().unwrap_or(0) + ahead;
-        let _ = self
-            .wires
-            .of(&succession.wire)
-            .held
-            .give_turn(succession.generation, sequence);
+        Ok(Some(self.hand_over(succession)))
+    }
+
+    /// Gives the candidate its turn.
+    fn hand_over(&self, mut succession: Succession) -> Succession {
+        let wire = self.wires.of(&succession.wire);
+        let trigger = self.wires.trigger_of(&succession.wire).unwrap_or(&wire.watch);
+        let (sequence, longest_ns) = turn(wire.watch.newest(), trigger.newest(), trigger.rate_hz(now_ns()));
+        let _ = wire.held.give_turn(succession.generation, sequence);
         succession.phase = Phase::HandingOver {
             sequence,
-            since_ns: now_ns(),
+            until_ns: now_ns() + longest_ns,
         };
-        Ok(Some(succession))
+        succession
     }
 
     /// Why the candidate must not be promoted, if there is a reason.
@@ -353,13 +379,13 @@ impl Supervisor {
         &mut self,
         succession: Succession,
         sequence: u64,
-        since_ns: u64,
+        until_ns: u64,
     ) -> Result<Option<Succession>, Error> {
         let watch = &self.wires.of(&succession.wire).watch;
         if watch.generation == succession.generation {
             return self.promote(succession, sequence).map(|()| None);
         }
-        if now_ns() - since_ns > HAND_OVER_MAX_NS {
+        if now_ns() > until_ns {
             return self.refuse(succession, "its turn came, and it said nothing");
         }
         Ok(Some(succession))
@@ -368,24 +394,27 @@ impl Supervisor {
     /// The candidate is the service from here on.
     fn promote(&mut self, mut succession: Succession, sequence: u64) -> Result<(), Error> {
         let name = succession.request.service.clone();
-        self.root.write(SYSTEM_FILE, &succession.next_text)?;
-        let next = SystemFile::parse(&self.system.file.path, &succession.next_text)?;
-        let former = std::mem::replace(&mut self.system.file, next);
+        let table = self.document()?["service"][&name].clone();
+        // Not from the file as it was when the candidate was started: another service may have been rolled back since.
+        self.adopt(&self.document_with(&succession.request)?)?;
         self.root
             .rename(&format!("{name}.checkpoint"), &format!("{name}.former.checkpoint"));
         self.root
             .rename(&format!("{name}.{REHEARSAL_CHECKPOINT}"), &format!("{name}.checkpoint"));
-        let program = self.system.programs.insert(name.clone(), succession.program);
-        self.former = program.map(|program| Former {
-            service: name.clone(),
-            text: former.text,
-            program,
-            until_ns: now_ns() + succession.request.probation_ms * MS_NS,
-        });
+        if let Some(program) = self.system.programs.insert(name.clone(), succession.program) {
+            let former = Former {
+                table,
+                program,
+                until_ns: now_ns() + succession.request.probation_ms * MS_NS,
+            };
+            self.former.insert(name.clone(), former);
+        }
         let service = self.service(&name);
         service.generation = succession.generation;
         service.started_ns = succession.started_ns;
         service.ready_ns = now_ns();
+        // It was the incumbent that hung, if one did.
+        service.kill_at_ns = None;
         let incumbent = service.process.replace(succession.process);
         self.say(format!(
             "{name}: start {} answers from cycle {sequence} on",
@@ -439,15 +468,52 @@ impl Supervisor {
 
     /// If the service that has just ended is on probation, its predecessor is to be started in its place.
     pub(super) fn roll_back(&mut self, name: &str) -> Result<bool, Error> {
-        let is_its = |former: &mut Former| former.service == name && now_ns() < former.until_ns;
-        let Some(former) = self.former.take_if(is_its) else {
+        let former = self.former.remove(name);
+        let Some(former) = former.filter(|former| now_ns() < former.until_ns) else {
             return Ok(false);
         };
-        self.root.write(SYSTEM_FILE, &former.text)?;
-        self.system.file = SystemFile::parse(&self.system.file.path, &former.text)?;
+        let mut document = self.document()?;
+        document["service"][name] = former.table;
+        self.adopt(&document)?;
         self.system.programs.insert(name.to_owned(), former.program);
         self.root
             .rename(&format!("{name}.former.checkpoint"), &format!("{name}.checkpoint"));
         Ok(true)
+    }
+}
+
+/// The cycle with which a candidate takes its turn, and the time by the end of which it is to have answered it [ns]. An
+/// incumbent that lags has not answered all that has come, and the candidate has: the turn is ahead of both.
+fn turn(answered: Option<u64>, triggered: Option<u64>, rate_hz: f64) -> (u64, u64) {
+    let ahead = CYCLES_AHEAD_MIN.max((rate_hz * AHEAD_S).ceil() as u64);
+    let sequence = answered.max(triggered).unwrap_or(0).saturating_add(ahead);
+    // The cycles until then may come at half the rate.
+    let coming_ns = (2e9 * ahead as f64 / rate_hz.max(RATE_MIN_HZ)) as u64;
+    (sequence, coming_ns + HAND_OVER_MAX_NS)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_turn_is_ahead_of_what_a_lagging_incumbent_has_still_to_answer() {
+        assert_eq!(turn(Some(100), Some(101), 30.0).0, 104);
+        assert_eq!(turn(Some(100), Some(140), 30.0).0, 143);
+        assert_eq!(turn(Some(100), Some(101), 400.0).0, 141);
+        assert_eq!(turn(Some(u64::MAX - 1), None, 30.0).0, u64::MAX, "as far as numbers go");
+    }
+
+    #[test]
+    fn a_turn_is_waited_for_until_it_has_come() {
+        for rate_hz in [0.2, 1.0, 30.0, 400.0] {
+            let (ahead, longest_ns) = turn(Some(0), Some(0), rate_hz);
+            let coming_ns = (1e9 * ahead as f64 / rate_hz) as u64;
+            assert!(longest_ns >= coming_ns + HAND_OVER_MAX_NS, "{rate_hz} Hz");
+        }
+        assert!(
+            turn(None, None, 0.0).1 < 120_000 * MS_NS,
+            "not for ever where nothing comes"
+        );
     }
 }
