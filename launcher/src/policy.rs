@@ -13,10 +13,12 @@ const MS_NS: u64 = 1_000_000;
 const HOLD_NS: u64 = 30_000_000_000;
 /// What ends a process without its doing: an operator, a test, the kernel for want of memory.
 const SIGKILL: Ending = Ending::Signal(9);
+/// How a process ends that was told to; a stage never ends so by itself.
+const TOLD: Ending = Ending::Code(0);
 /// The first pause after such ends of young processes [ns], after how many, and how often it doubles.
-const PAUSE_KILLED_NS: u64 = 5_000_000;
-const KILLED_FREELY: u32 = 4;
-const PAUSE_KILLED_DOUBLINGS: u32 = 5;
+const PAUSE_ENDED_NS: u64 = 5_000_000;
+const ENDED_FREELY: u32 = 4;
+const PAUSE_ENDED_DOUBLINGS: u32 = 5;
 /// The exit code of a configuration error: starting again cannot mend it.
 const EXIT_CONFIG: i32 = 78;
 
@@ -29,7 +31,9 @@ pub struct Policy {
     minimum_run_ns: u64,
     /// Instants of the restarts within the last period.
     restarts: VecDeque<u64>,
-    short_runs: u32,
+    /// Young processes one after the other that failed, and that others ended.
+    failed_young: u32,
+    ended_young: u32,
 }
 
 /// How a service ended.
@@ -76,7 +80,8 @@ impl Policy {
             period_ns: table.intensity_period_ms.get_ref() * MS_NS,
             minimum_run_ns: table.minimum_run_ms.get_ref() * MS_NS,
             restarts: VecDeque::with_capacity(*table.intensity.get_ref() as usize + 1),
-            short_runs: 0,
+            failed_young: 0,
+            ended_young: 0,
         }
     }
 
@@ -84,28 +89,27 @@ impl Policy {
     pub fn on_end(&mut self, ending: Ending, started_ns: u64, now_ns: u64) -> Decision {
         let wanted = match self.restart {
             Restart::Always => true,
-            Restart::OnFailure => ending != Ending::Code(0),
+            Restart::OnFailure => ending != TOLD,
             Restart::Never => false,
         };
         if ending == Ending::Code(EXIT_CONFIG) {
             return Decision::GiveUp("its configuration is wrong, which a restart cannot mend".into());
         }
         if !wanted {
-            return if ending == Ending::Code(0) {
+            return if ending == TOLD {
                 Decision::Rest
             } else {
                 Decision::GiveUp("it is not to be restarted".into())
             };
         }
         let is_young = now_ns.saturating_sub(started_ns) < self.minimum_run_ns;
+        if !is_young {
+            self.failed_young = 0;
+            self.ended_young = 0;
+        }
         if ending == SIGKILL {
-            // It says nothing against the service: however often, it comes back.
-            self.short_runs = if is_young { self.short_runs.saturating_add(1) } else { 0 };
-            let pause_ns = match self.short_runs.checked_sub(KILLED_FREELY) {
-                Some(further) => PAUSE_KILLED_NS << further.min(PAUSE_KILLED_DOUBLINGS),
-                None => 0,
-            };
-            return Decision::RestartAt(now_ns + pause_ns);
+            // However often: it says nothing against the service.
+            return Decision::RestartAt(now_ns + self.pause_ended_ns(is_young));
         }
         while self
             .restarts
@@ -117,21 +121,37 @@ impl Policy {
         if self.restarts.len() >= self.intensity {
             let period_s = self.period_ns / (1000 * MS_NS);
             self.restarts.clear();
-            self.short_runs = 0;
+            self.failed_young = 0;
+            self.ended_young = 0;
             let why = format!("{} restarts within {period_s} s are too many", self.intensity);
             return Decision::HoldUntil(now_ns + HOLD_NS, why);
         }
         self.restarts.push_back(now_ns);
-        // The first crash after a long run is bad luck, and every millisecond counts; a crash loop is slowed.
-        if !is_young {
-            self.short_runs = 0;
-            return Decision::RestartAt(now_ns);
-        }
-        let pause_ns = PAUSE_FIRST_NS
-            .saturating_mul(1 << self.short_runs.min(16))
-            .min(PAUSE_MAX_NS);
-        self.short_runs += 1;
+        let pause_ns = if ending == TOLD {
+            self.pause_ended_ns(is_young)
+        } else {
+            self.pause_failed_ns(is_young)
+        };
         Decision::RestartAt(now_ns + pause_ns)
+    }
+
+    /// Others have ended it, and every millisecond counts.
+    fn pause_ended_ns(&mut self, is_young: bool) -> u64 {
+        self.ended_young = self.ended_young.saturating_add(u32::from(is_young));
+        match self.ended_young.checked_sub(ENDED_FREELY) {
+            Some(further) => PAUSE_ENDED_NS << further.min(PAUSE_ENDED_DOUBLINGS),
+            None => 0,
+        }
+    }
+
+    /// The first crash after a long run is bad luck; a crash loop is slowed.
+    fn pause_failed_ns(&mut self, is_young: bool) -> u64 {
+        if !is_young {
+            return 0;
+        }
+        let pause_ns = PAUSE_FIRST_NS << self.failed_young.min(16);
+        self.failed_young += 1;
+        pause_ns.min(PAUSE_MAX_NS)
     }
 }
 
@@ -206,6 +226,31 @@ mod tests {
     }
 
     #[test]
+    fn a_service_that_is_told_to_end_comes_back_as_soon_unless_it_ends_all_the_time() {
+        let mut policy = policy("intensity = 10\nintensity_period_ms = 10000");
+        let mut now = 0;
+        for _ in 0..100 {
+            let Decision::RestartAt(at) = policy.on_end(TOLD, now, now + SECOND / 2) else {
+                // Ten of them took more than 5 s, and the pauses between them at most 10 times 160 ms.
+                assert!(now > 5 * SECOND);
+                return;
+            };
+            assert!(at - (now + SECOND / 2) <= 200 * MS_NS);
+            now = at;
+        }
+        panic!("a program that ends by itself is never given up");
+    }
+
+    #[test]
+    fn what_others_did_does_not_slow_the_restart_after_a_crash() {
+        let mut policy = policy("");
+        for _ in 0..20 {
+            policy.on_end(SIGKILL, 0, 1);
+        }
+        assert_eq!(policy.on_end(CRASHED, 0, 1), Decision::RestartAt(1 + PAUSE_FIRST_NS));
+    }
+
+    #[test]
     fn a_configuration_error_is_not_tried_again() {
         assert!(matches!(
             policy("").on_end(Ending::Code(78), 0, 9 * SECOND),
@@ -215,13 +260,12 @@ mod tests {
 
     #[test]
     fn the_restart_rule_decides_about_a_clean_end() {
-        let clean = Ending::Code(0);
         assert_eq!(
-            policy("restart = 'on_failure'").on_end(clean, 0, 9 * SECOND),
+            policy("restart = 'on_failure'").on_end(TOLD, 0, 9 * SECOND),
             Decision::Rest
         );
-        assert_eq!(policy("restart = 'never'").on_end(clean, 0, 9 * SECOND), Decision::Rest);
-        assert_eq!(policy("").on_end(clean, 0, 9 * SECOND), Decision::RestartAt(9 * SECOND));
+        assert_eq!(policy("restart = 'never'").on_end(TOLD, 0, 9 * SECOND), Decision::Rest);
+        assert_eq!(policy("").on_end(TOLD, 0, 9 * SECOND), Decision::RestartAt(9 * SECOND));
         assert!(matches!(
             policy("restart = 'never'").on_end(CRASHED, 0, 9 * SECOND),
             Decision::GiveUp(_)
