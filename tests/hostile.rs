@@ -65,11 +65,7 @@ fn random_bytes_on_every_wire_kill_no_service_and_are_marked() {
         "front/soil",
         "body/class",
     ] {
-        assert!(
-            rover.log().contains(&format!("wire {wire}: bad sample 1: ")),
-            "{wire}: {}",
-            rover.log()
-        );
+        rover.until_said(&format!("wire {wire}: bad sample 1: "));
     }
 }
 

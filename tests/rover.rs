@@ -85,6 +85,15 @@ impl Rover {
         std::fs::read_to_string(self.folder.path().join("log")).unwrap_or_default()
     }
 
+    /// Waits until it has been said: a line may come a moment after what it is about.
+    pub fn until_said(&self, text: &str) {
+        let start = Instant::now();
+        while !self.log().contains(text) {
+            assert!(start.elapsed() < PATIENCE, "not said: {text}\n{}", self.log());
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
     /// The rows of `terrasense status`; none while the system does not answer.
     pub fn rows(&self) -> Vec<Value> {
         let output = terrasense(&["status", "--json", "--name", &self.name]);

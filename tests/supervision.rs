@@ -76,11 +76,7 @@ fn a_stopped_service_is_noticed_by_its_silence_and_replaced() {
             rows.iter()
                 .any(|row| row["service"] == victim && row["state"] == "running" && pid(row) != old)
         });
-        assert!(
-            rover.log().contains(&format!("{victim}: has been silent on ")),
-            "{}",
-            rover.log()
-        );
+        rover.until_said(&format!("{victim}: has been silent on "));
     }
 }
 
@@ -180,11 +176,7 @@ fn a_cycle_that_is_late_from_the_first_answer_on_is_charged_to_the_first_stage_o
     let names: Vec<&str> = charged.iter().map(|(service, _)| *service).collect();
     assert_eq!(names, ["sinkage", "vibration"], "{rows:#?}");
     assert!(charged[0].1 >= 50, "{rows:#?}");
-    assert!(
-        rover.log().contains("its deadline is 0.001 ms; 32 missed so far"),
-        "{}",
-        rover.log()
-    );
+    rover.until_said("its deadline is 0.001 ms; 32 missed so far");
 }
 
 #[test]
@@ -211,7 +203,7 @@ fn a_stage_that_stops_for_a_while_is_charged_with_the_cycles_it_makes_late_and_n
     });
     let charged = missed(&rows);
     assert!(matches!(charged[..], [("terramechanics", 3..)]), "{rows:#?}");
-    assert!(rover.log().contains("terramechanics: cycle "), "{}", rover.log());
+    rover.until_said("terramechanics: cycle ");
     assert_eq!(rover.down(), Some(0), "{}", rover.log());
 }
 
@@ -240,7 +232,7 @@ fn a_slow_replacement_is_charged_with_every_cycle_and_no_other_stage_is() {
             .any(|row| row["service"] == "terrain" && row["published"].as_u64() > Some(4))
     });
     assert!(matches!(missed(&rows)[..], [("sinkage", 4..)]), "{rows:#?}");
-    assert!(rover.log().contains("sinkage: cycle "), "{}", rover.log());
+    rover.until_said("sinkage: cycle ");
 }
 
 #[test]
@@ -269,13 +261,7 @@ fn a_service_that_keeps_dying_is_given_up_and_the_rest_goes_on() {
             "{row}"
         );
     }
-    assert!(
-        rover
-            .log()
-            .contains("vibration: ended with code 3; given up: 2 restarts within 10 s"),
-        "{}",
-        rover.log()
-    );
+    rover.until_said("vibration: ended with code 3; given up: 2 restarts within 10 s");
 }
 
 #[test]

@@ -26,13 +26,7 @@ fn kill_on_probation(rover: &mut Rover, stage: &str) {
         rows.iter()
             .any(|row| row["service"] == stage && row["state"] == "running" && pid(row) != promoted)
     });
-    assert!(
-        rover
-            .log()
-            .contains(&format!("{stage}: ended by signal 9 on probation; rolled back")),
-        "{}",
-        rover.log()
-    );
+    rover.until_said(&format!("{stage}: ended by signal 9 on probation; rolled back"));
 }
 
 #[test]
@@ -223,7 +217,7 @@ fn a_system_file_that_cannot_be_written_ends_nothing() {
     std::fs::remove_file(&file).unwrap();
     std::fs::create_dir(&file).unwrap();
     swap("terramechanics");
-    assert!(rover.log().contains("system.toml: "), "{}", rover.log());
+    rover.until_said("system.toml: ");
     std::fs::remove_dir(&file).unwrap();
     swap("terrain");
     assert_eq!(
