@@ -2,7 +2,7 @@
 
 use crate::recording::Traverse;
 use crate::rover::{contents, told};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::Arc;
 
 fn column(text: &str, name: &str) -> Vec<String> {
     let mut lines = text.lines();
@@ -21,17 +21,17 @@ fn two_replays_give_the_same_bytes_also_on_a_busy_machine() {
     let traverse = Traverse::with_pictures(4);
     let (code, text) = traverse.replay("first");
     assert_eq!(code, 0, "{text}");
-    let over = AtomicBool::new(false);
     std::thread::scope(|scope| {
+        let replaying = Arc::new(());
         for _ in 0..4 {
-            scope.spawn(|| {
-                while !over.load(Ordering::Relaxed) {
+            let replaying = Arc::downgrade(&replaying);
+            scope.spawn(move || {
+                while replaying.strong_count() > 0 {
                     std::hint::spin_loop();
                 }
             });
         }
         let (code, text) = traverse.replay("second");
-        over.store(true, Ordering::Relaxed);
         assert_eq!(code, 0, "{text}");
     });
     let (first, second) = (contents(&traverse.path("first")), contents(&traverse.path("second")));

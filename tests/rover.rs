@@ -2,9 +2,10 @@
 
 use serde_json::Value;
 use shell::{Domain, Port, SystemFile};
-use std::io::Read;
+use std::fs::File;
+use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -12,6 +13,8 @@ use tempfile::TempDir;
 
 /// Longer than anything takes on a slow machine: a test that waits this long has failed.
 const PATIENCE: Duration = Duration::from_secs(60);
+/// The same for a command that is run to its end, a replay for one.
+const COMMAND_PATIENCE: Duration = Duration::from_secs(600);
 
 static SYSTEMS: AtomicU32 = AtomicU32::new(0);
 
@@ -70,7 +73,7 @@ impl Rover {
 
     /// The same, with another file as its log.
     pub fn start_telling(&mut self, log: &Path) {
-        let log = std::fs::File::create(log).unwrap();
+        let log = File::create(log).unwrap();
         let child = Command::new(program("terrasense"))
             .args(["up", &self.file()])
             .stdin(Stdio::null())
@@ -167,7 +170,7 @@ impl Rover {
         // It may have ended by itself.
         let launcher_pid = rustix::process::Pid::from_child(&launcher);
         let _ = rustix::process::kill_process(launcher_pid, rustix::process::Signal::TERM);
-        launcher.wait().unwrap().code()
+        end_of(&mut launcher).code()
     }
 
     /// What the system has in shared memory.
@@ -233,13 +236,41 @@ pub fn program(name: &str) -> PathBuf {
     path
 }
 
+/// Waits until a process has ended, and not for ever: a test that hangs says nothing.
+pub fn end_of(process: &mut Child) -> ExitStatus {
+    let start = Instant::now();
+    loop {
+        if let Some(status) = process.try_wait().unwrap() {
+            return status;
+        }
+        if start.elapsed() > COMMAND_PATIENCE {
+            let _ = process.kill();
+            panic!("process {} does not end", process.id());
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
 /// Runs `terrasense` to its end.
 pub fn terrasense(arguments: &[&str]) -> Output {
-    Command::new(program("terrasense"))
+    let [stdout, stderr] = [(); 2].map(|()| tempfile::tempfile().unwrap());
+    let mut process = Command::new(program("terrasense"))
         .args(arguments)
         .stdin(Stdio::null())
-        .output()
-        .unwrap()
+        .stdout(stdout.try_clone().unwrap())
+        .stderr(stderr.try_clone().unwrap())
+        .spawn()
+        .unwrap();
+    let status = end_of(&mut process);
+    let [stdout, stderr] = [stdout, stderr].map(written);
+    Output { status, stdout, stderr }
+}
+
+fn written(mut file: File) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    file.rewind().unwrap();
+    file.read_to_end(&mut bytes).unwrap();
+    bytes
 }
 
 /// Runs `terrasense` to its end and returns its exit code and what it printed on both.
@@ -259,7 +290,7 @@ pub fn contents(folder: &Path) -> Vec<(String, Vec<u8>)> {
         .map(|entry| {
             let path = entry.unwrap().path();
             let mut bytes = Vec::new();
-            std::fs::File::open(&path).unwrap().read_to_end(&mut bytes).unwrap();
+            File::open(&path).unwrap().read_to_end(&mut bytes).unwrap();
             (path.file_name().unwrap().to_string_lossy().into_owned(), bytes)
         })
         .collect();

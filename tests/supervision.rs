@@ -1,7 +1,7 @@
 //! Services die, hang and come back; the others never stop, and nothing is left behind.
 
 use crate::replacement::python_sinkage;
-use crate::rover::{Rover, lives, pid, signal, wait_until};
+use crate::rover::{Rover, end_of, lives, pid, signal, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::path::Path;
@@ -53,7 +53,7 @@ fn nothing_survives_a_killed_launcher_and_the_next_start_works() {
     assert_eq!(pids.len(), SERVICES.len());
     let mut launcher = rover.launcher.take().unwrap();
     signal(launcher.id(), Signal::KILL);
-    launcher.wait().unwrap();
+    end_of(&mut launcher);
     wait_until("no orphan", || !pids.iter().any(|pid| lives(*pid)));
     rover.up();
     assert_eq!(rover.down(), Some(0), "{}", rover.log());
@@ -151,7 +151,7 @@ fn a_terminal_that_is_closed_ends_a_system_in_order() {
     rover.up();
     let mut launcher = rover.launcher.take().unwrap();
     signal(launcher.id(), Signal::HUP);
-    assert_eq!(launcher.wait().unwrap().code(), Some(0), "{}", rover.log());
+    assert_eq!(end_of(&mut launcher).code(), Some(0), "{}", rover.log());
     assert_eq!(rover.traces(), [""; 0]);
 }
 
