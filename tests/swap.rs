@@ -203,6 +203,18 @@ fn a_number_from_nowhere_keeps_no_stage_from_being_swapped() {
 }
 
 #[test]
+fn a_caller_that_says_nothing_keeps_nobody_from_swapping() {
+    let mut rover = Rover::new(|text| text);
+    rover.up();
+    let socket = format!("/dev/shm/terrasense-{}/control", rover.name);
+    let silent = std::os::unix::net::UnixStream::connect(socket).unwrap();
+    let own = program("terrasense-terrain").display().to_string();
+    let (code, text) = swap(&rover.name, &[], "terrain", &[&own]);
+    assert_eq!(code, 0, "{text}");
+    drop(silent);
+}
+
+#[test]
 fn a_system_file_that_cannot_be_written_ends_nothing() {
     let mut rover = Rover::new(|text| text);
     rover.up();

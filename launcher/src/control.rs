@@ -2,7 +2,7 @@
 
 use crate::rehearsal::{Counts, Difference};
 use serde::{Deserialize, Serialize};
-use shell::Error;
+use shell::{Error, now_ns};
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
@@ -12,6 +12,8 @@ use std::time::Duration;
 const SOCKET: &str = "control";
 /// Bytes of a request at the most.
 const REQUEST_MAX: usize = 1 << 20;
+/// Time that a request may take to come in whole [ns]. Others wait.
+const REQUEST_MAX_NS: u64 = 1_000_000_000;
 /// The longest the launcher waits for a caller to take its answer.
 const TELL_MAX: Duration = Duration::from_millis(20);
 
@@ -71,8 +73,8 @@ pub struct Rehearsed {
 #[derive(Debug)]
 pub struct Ear {
     listener: UnixListener,
-    /// Who is speaking, and what they have said so far.
-    speaking: Option<(UnixStream, Vec<u8>)>,
+    /// Who is speaking, what they have said so far, and since when [ns].
+    speaking: Option<(UnixStream, Vec<u8>, u64)>,
 }
 
 /// Who has asked, and is waiting.
@@ -100,9 +102,9 @@ impl Ear {
         if self.speaking.is_none() {
             let (stream, _) = self.listener.accept().ok()?;
             stream.set_nonblocking(true).ok()?;
-            self.speaking = Some((stream, Vec::new()));
+            self.speaking = Some((stream, Vec::new(), now_ns()));
         }
-        let (mut stream, mut said) = self.speaking.take()?;
+        let (mut stream, mut said, since_ns) = self.speaking.take()?;
         let mut bytes = [0; 4096];
         loop {
             match stream.read(&mut bytes) {
@@ -116,7 +118,9 @@ impl Ear {
             }
         }
         if said.last() != Some(&b'\n') {
-            self.speaking = Some((stream, said));
+            if now_ns() - since_ns < REQUEST_MAX_NS {
+                self.speaking = Some((stream, said, since_ns));
+            }
             return None;
         }
         stream.set_nonblocking(false).ok()?;
